@@ -1,0 +1,171 @@
+"""Every parameter of a run: name, unit, bounds, default. Names are AMCL's and Probabilistic Robotics' where they have one.
+
+Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`` < a flag of its own.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pipeline.errors import MclError
+
+PRESETS = Path(__file__).parent / "presets"
+
+NonNegative = Annotated[float, Field(ge=0.0)]
+Positive = Annotated[float, Field(gt=0.0)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class Config(BaseModel):
+    """The effective configuration of a run. Lengths in metres, angles in radians, densities per metre."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    # --- where the belief starts -------------------------------------------------------------------
+    init: Literal["free_space", "map", "pose"] = Field(
+        "free_space", description="Start over the free cells, over the whole map's rectangle, or around initial_pose."
+    )
+    initial_pose: tuple[float, float, float] | None = Field(
+        None, description="x, y (m), yaw (rad) in the map frame, for init=pose."
+    )
+    initial_pose_std: tuple[NonNegative, NonNegative, NonNegative] = Field(
+        (0.5, 0.5, 0.26), description="Standard deviations of x, y (m) and yaw (rad), for init=pose."
+    )
+
+    # --- how many particles --------------------------------------------------------------------------
+    max_particles: int = Field(50_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
+
+    # --- motion model (Table 5.6) ----------------------------------------------------------------------
+    alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")
+    alpha2: NonNegative = Field(0.02, description="Variance of rotation from translation, rad^2/m^2.")
+    alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")
+    alpha4: NonNegative = Field(0.002, description="Variance of translation from rotation, m^2/rad^2.")
+
+    # --- which beams are used ----------------------------------------------------------------------------
+    max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
+    beam_step: int | None = Field(None, ge=1, description="Use every n-th beam instead of max_beams.")
+    laser_max_range: Positive | None = Field(None, description="Longest range that counts, m; the scan's own if not given.")
+    no_return_fraction: Fraction = Field(
+        1.0, description="Readings at or above this share of the maximum range count as 'no return'."
+    )
+    range_bias: float = Field(0.0, description="Taken off every measured range, m: walls that the map draws too near.")
+
+    # --- beam model of the range finder (Table 6.1) --------------------------------------------------------
+    z_hit: NonNegative = Field(0.75, description="Weight of the Gaussian around the true range.")
+    z_short: NonNegative = Field(0.1, description="Weight of unexpected obstacles before it.")
+    z_max: NonNegative = Field(0.05, description="Weight (a mass) of readings without return.")
+    z_rand: NonNegative = Field(0.1, description="Weight of unexplained readings, uniform over the range.")
+    sigma_hit: Positive = Field(0.2, description="Standard deviation of the Gaussian, m.")
+    lambda_short: Positive = Field(0.5, description="Rate of the exponential of unexpected obstacles, 1/m.")
+    temper: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
+        0.2, description="Exponent on a scan's likelihood, for beams that are not independent."
+    )
+
+    # --- true ranges from the map ----------------------------------------------------------------------------
+    occupied_threshold: Fraction = Field(0.65, description="Cells at least so probably occupied stop a ray.")
+    free_threshold: Fraction = Field(0.25, description="Cells less probably occupied than this may hold the robot.")
+    ray_caster: Literal["table", "dda", "bresenham"] = Field(
+        "table", description="Where z* comes from: a pre-computed table, Amanatides and Woo, Bresenham's line."
+    )
+
+    # --- resampling ---------------------------------------------------------------------------------------------
+    resampler: Literal["low_variance", "multinomial"] = Field("low_variance", description="Table 4.4, or independent draws.")
+    resample_ess: Fraction = Field(0.5, description="Resample when the effective sample size falls below this share.")
+    update_min_d: NonNegative = Field(0.01, description="The robot stands still below this travel, m: no update then.")
+    update_min_a: NonNegative = Field(0.01, description="... and below this turn, rad.")
+
+    # --- the recording --------------------------------------------------------------------------------------------
+    record_particles: int = Field(2000, ge=0, description="At most so many particles are recorded per scan, drawn fairly.")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Config:
+        if self.init == "pose" and self.initial_pose is None:
+            raise ValueError("init=pose needs initial_pose: [x, y, yaw]")
+        if self.z_hit + self.z_short + self.z_max + self.z_rand <= 0.0:
+            raise ValueError("z_hit, z_short, z_max and z_rand must not all be zero")
+        return self
+
+
+def preset_names() -> list[str]:
+    """Names that ``--config`` takes besides the path of a file."""
+    return sorted(p.stem for p in PRESETS.glob("*.yaml"))
+
+
+def load_config(source: str | Path | None = None, overrides: Iterable[str] = (), **flags: Any) -> Config:
+    """Defaults, then the preset or file ``source``, then ``key=value`` strings, then flags that are not None.
+
+    Raises MclError for an unknown key (naming the nearest one), a value out of bounds, a file that is not YAML.
+    """
+    values: dict[str, Any] = {}
+    if source is not None:
+        values |= _read(source)
+    for text in overrides:
+        key, sep, value = text.partition("=")
+        if not sep:
+            raise MclError(f"--set {text!r}: expected key=value")
+        values[key.strip()] = _yaml_value(value, f"--set {text}")
+    values |= {k: v for k, v in flags.items() if v is not None}
+    return _validate(values, source)
+
+
+def dump_config(config: Config) -> str:
+    """The configuration as YAML that ``load_config`` reads back."""
+    from ruamel.yaml import YAML
+
+    out = StringIO()
+    yaml = YAML(typ="safe")
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False  # keep the order of the fields, which tells the story
+    yaml.dump(config.model_dump(mode="json"), out)
+    return out.getvalue()
+
+
+def _read(source: str | Path) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    path = PRESETS / f"{source}.yaml" if str(source) in preset_names() else Path(source)
+    if not path.is_file():
+        raise MclError("no such config file or preset", f"presets: {', '.join(preset_names())}", path=path)
+    try:
+        values = YAML(typ="safe").load(path.read_text())
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or "not YAML"
+        raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
+    if values is None:
+        return {}
+    if not isinstance(values, Mapping):
+        raise MclError("expected a mapping of parameter: value", path=path)
+    return {str(k): v for k, v in values.items()}
+
+
+def _yaml_value(text: str, where: str) -> Any:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        return YAML(typ="safe").load(text)
+    except YAMLError as error:
+        raise MclError(f"{where}: the value is not YAML") from error
+
+
+def _validate(values: Mapping[str, Any], source: str | Path | None) -> Config:
+    for key in values:
+        if key not in Config.model_fields:
+            near = difflib.get_close_matches(key, Config.model_fields, n=1)
+            raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+    try:
+        return Config.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(p) for p in first["loc"])
+        said = first["msg"].removeprefix("Value error, ")
+        got = f", got {first['input']!r}" if key else ""
+        raise MclError(f"{key}: {said}{got}" if key else said, path=source) from error

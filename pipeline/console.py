@@ -1,0 +1,83 @@
+"""The only place that knows stdout and stderr: people read stderr, programs read stdout.
+
+Progress and tables go to stderr; ``--json`` and final paths go to stdout. Colours follow NO_COLOR and whether
+somebody is looking. rich is imported when the first thing is shown, so that ``--help`` stays quick.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+def note(text: str) -> None:
+    """A line for people, on stderr."""
+    print(text, file=sys.stderr, flush=True)
+
+
+def error(text: str) -> None:
+    """The one line that bad input gets, on stderr."""
+    prefix = "error:"
+    if _colour():
+        prefix = f"\x1b[1;31m{prefix}\x1b[0m"
+    print(prefix, text, file=sys.stderr, flush=True)
+
+
+def result(text: str) -> None:
+    """A line for programs (and the last one for people), on stdout."""
+    print(text, flush=True)
+
+
+def emit_json(value: Any) -> None:
+    """A JSON document on stdout; NaN and infinities become null."""
+    print(json.dumps(_finite(value), indent=2, default=str), flush=True)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], *, stdout: bool = False) -> None:
+    """A table for people: the first column left, the others right. On stderr unless it is the command's answer."""
+    from rich.console import Console
+    from rich.table import Table
+
+    sheet = Table(title=title, title_justify="left")
+    for i, column in enumerate(columns):
+        sheet.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
+    for row in rows:
+        sheet.add_row(*row)
+    stream = sys.stdout if stdout else sys.stderr
+    width = None if stream.isatty() else 120
+    Console(file=stream, width=width, highlight=False).print(sheet)
+
+
+def progress(items: Iterable[T], total: int, label: str) -> Iterator[T]:
+    """Passes the items on and shows how far they are, where somebody looks at stderr; silent otherwise."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
+    with Progress(*columns, TimeRemainingColumn(), console=Console(file=sys.stderr), transient=True) as bar:
+        yield from bar.track(items, total=total, description=label)
+
+
+def _colour() -> bool:
+    import os
+
+    return sys.stderr.isatty() and "NO_COLOR" not in os.environ
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
+        return None
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    if hasattr(value, "tolist"):
+        return _finite(value.tolist())
+    return value

@@ -1,0 +1,1 @@
+"""Monte Carlo localization, as in Probabilistic Robotics: one idea a file."""

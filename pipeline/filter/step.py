@@ -1,0 +1,72 @@
+"""What one scan did to the belief: the only thing that leaves the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A Gaussian summary of (a part of) the belief in the map frame.
+
+    ``pose``: (3,) m, m, rad; ``covariance``: (3, 3) of x, y, yaw; ``weight``: its share of the whole belief.
+    """
+
+    pose: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class Beams:
+    """The beams that the sensor model used, at the estimate.
+
+    ``laser``: (3,) pose of the laser in the map frame; ``angles``: (k,) rad in the laser frame;
+    ``measured``: (k,) float32 m as the model saw them (inf = no return, NaN = invalid);
+    ``expected``: (k,) float32 m, true ranges z* from the map.
+    """
+
+    laser: NDArray[np.float64]
+    angles: NDArray[np.float64]
+    measured: NDArray[np.float32]
+    expected: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something worth a line: ``kind`` is one word (started, converged, resampled, lost, found ...), ``text`` a sentence."""
+
+    kind: str
+    text: str
+    level: str = "INFO"  # INFO or WARN
+
+
+@dataclass(frozen=True)
+class Step:
+    """One update of the filter. ``particles`` and ``log_weights`` are read-only views, valid until the next update.
+
+    ``particles``: (n, 3) float32, x, y, yaw in the map frame; ``log_weights``: (n,) float64, normalised so that
+    the weights sum to one, before resampling; ``clusters``: the hypotheses, heaviest first, ``estimate`` is the first.
+    ``ess``: effective sample size 1 / sum(w^2); ``mean_likelihood``: geometric mean over beams and mean over
+    particles of p(z | z*), per metre; ``explained``: share of the estimate's beams that the map explains;
+    ``spread``: RMS distance of the particles from the estimate, m; ``moved``: the robot moved since the last update.
+    """
+
+    index: int
+    stamp: int
+    time: float
+    particles: NDArray[np.float32]
+    log_weights: NDArray[np.float64]
+    estimate: Estimate
+    clusters: tuple[Estimate, ...]
+    beams: Beams
+    ess: float
+    mean_likelihood: float
+    explained: float
+    spread: float
+    moved: bool
+    resampled: bool
+    events: tuple[Event, ...] = ()

@@ -1,0 +1,1 @@
+"""Loops over arrays, compiled by numba: arrays and scalars in, arrays out, nothing of ours imported."""

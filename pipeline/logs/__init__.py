@@ -1,0 +1,1 @@
+"""Reading recordings: one .mcap in, scans with odometry out."""

@@ -1,0 +1,97 @@
+"""What a log holds once it is read: scans with the odometry at their stamps, the laser that took them, and the truth where known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.geometry import Pose
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+
+@dataclass(frozen=True)
+class Laser:
+    """A planar range finder on the robot: beam k points at angle_min + k * angle_increment from the laser's x axis.
+
+    ``pose``: the laser in base_link (m, m, rad). A laser mounted upside down is stored the right
+    way up: the reader turns the order of its ranges round. Ranges in metres, angles in radians.
+    """
+
+    pose: Pose
+    angle_min: float
+    angle_increment: float
+    beams: int
+    range_min: float
+    range_max: float
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """Direction of every beam in the laser frame, radians, (beams,)."""
+        return self.angle_min + self.angle_increment * np.arange(self.beams)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One sweep of the laser, with the odometry at its stamp.
+
+    ``stamp``: integer nanoseconds; ``time``: seconds since the log's first scan; ``odometry``: pose of
+    base_link in the odom frame; ``ranges``: (beams,) float32 metres, NaN = invalid, inf = no return.
+    """
+
+    index: int
+    stamp: int
+    time: float
+    odometry: NDArray[np.float64]
+    ranges: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Poses over time: stamps (n,) int64 nanoseconds, increasing; poses (n, 3) metres and radians, frame ``frame``."""
+
+    stamps: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    frame: str = "map"
+
+
+@dataclass(frozen=True)
+class Log:
+    """A whole recording in columns: n scans of one laser, odometry at their stamps, and what else the file knew.
+
+    ``stamps`` (n,) int64 ns, never decreasing; ``odometry`` (n, 3) float64, base_link in odom;
+    ``ranges`` (n, beams) float32 m, NaN = invalid, inf = no return (REP 117, made uniform by the reader).
+    """
+
+    name: str
+    path: Path
+    sha256: str
+    laser: Laser
+    stamps: NDArray[np.int64]
+    odometry: NDArray[np.float64]
+    ranges: NDArray[np.float32]
+    grid: OccupancyGrid | None = None
+    ground_truth: Trajectory | None = None
+    metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def times(self) -> NDArray[np.float64]:
+        """Seconds since the first scan, (n,)."""
+        return (self.stamps - self.stamps[0]) / 1e9
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first scan to the last."""
+        return float(self.stamps[-1] - self.stamps[0]) / 1e9
+
+    def scans(self) -> Iterator[Scan]:
+        """The scans in the order of their stamps."""
+        times = self.times
+        for i in range(len(self)):
+            yield Scan(i, int(self.stamps[i]), float(times[i]), self.odometry[i], self.ranges[i])

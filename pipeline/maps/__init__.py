@@ -1,0 +1,1 @@
+"""Maps: the occupancy grid and what is pre-computed from it."""

@@ -1,0 +1,65 @@
+"""The map: how probable it is that a cell of the floor is occupied."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.geometry import Pose, compose, inverse
+
+
+@dataclass(frozen=True)
+class OccupancyGrid:
+    """Occupancy probabilities on a grid, as nav_msgs/OccupancyGrid lays them out.
+
+    ``occupancy``: (height, width) float32, row 0 at the lowest y, NaN = unknown, else in [0, 1];
+    ``resolution``: metres per cell; ``origin``: pose of the lower left corner of cell (0, 0) in the map frame.
+    The *grid frame* has its origin at that corner and its axes along the rows and columns: with it
+    the filter needs to know nothing of the map's origin and yaw.
+    """
+
+    occupancy: NDArray[np.float32]
+    resolution: float
+    origin: Pose = (0.0, 0.0, 0.0)
+
+    @property
+    def height(self) -> int:
+        """Cells along y."""
+        return int(self.occupancy.shape[0])
+
+    @property
+    def width(self) -> int:
+        """Cells along x."""
+        return int(self.occupancy.shape[1])
+
+    def occupied(self, threshold: float) -> NDArray[np.bool_]:
+        """Cells known to be occupied with at least this probability."""
+        return self.occupancy >= np.float32(threshold)
+
+    def free(self, threshold: float) -> NDArray[np.bool_]:
+        """Cells known to be occupied with less than this probability."""
+        return self.occupancy < np.float32(threshold)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Cells of which the map says anything."""
+        return ~np.isnan(self.occupancy)
+
+    def to_grid(self, poses: ArrayLike) -> NDArray[np.float64]:
+        """Poses (..., 3) of the map frame, expressed in the grid frame."""
+        return compose(inverse(self.origin), poses)
+
+    def to_map(self, poses: ArrayLike) -> NDArray[np.float64]:
+        """Poses (..., 3) of the grid frame, expressed in the map frame."""
+        return compose(self.origin, poses)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Checksum of cells, resolution and origin: the map's identity in caches and run records."""
+        digest = hashlib.sha256(np.ascontiguousarray(self.occupancy).tobytes())
+        digest.update(repr((self.occupancy.shape, self.resolution, self.origin)).encode())
+        return digest.hexdigest()

@@ -1,0 +1,1 @@
+"""What is seen: the .rrd, its layout and the folder of a run. The only place that logs to rerun."""
