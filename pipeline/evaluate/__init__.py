@@ -1,0 +1,29 @@
+"""Monte Carlo runs over seeds, scored against a reference trajectory."""
+
+from pipeline.evaluate.plots import plot
+from pipeline.evaluate.report import (
+    COLUMNS,
+    COMPARE_COLUMNS,
+    RECOVERY_COLUMNS,
+    Evaluation,
+    LogEvaluation,
+    Run,
+    compare_table,
+    recovery_table,
+    table,
+)
+from pipeline.evaluate.runs import evaluate
+
+__all__ = [
+    "COLUMNS",
+    "COMPARE_COLUMNS",
+    "RECOVERY_COLUMNS",
+    "Evaluation",
+    "LogEvaluation",
+    "Run",
+    "compare_table",
+    "evaluate",
+    "plot",
+    "recovery_table",
+    "table",
+]

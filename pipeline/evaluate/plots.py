@@ -1,0 +1,192 @@
+"""An evaluation as a picture: errors over time on the left, the paths on the map on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pipeline.evaluate.metrics import LOCALIZED, Array, Summary, known, pose_errors
+from pipeline.evaluate.report import Evaluation, LogEvaluation
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import SubFigure
+
+# Okabe and Ito's palette, told apart by every kind of colour vision; success and failure differ in lightness as well.
+GOOD, BAD, TRUTH, LIMIT = "#0072B2", "#D55E00", "#000000", "#666666"
+UNKNOWN = 0.9
+"""Grey level of what the map does not know."""
+POINTS = 2000
+"""A curve has at most so many points: more than the picture has columns."""
+JUMP = 1.0
+"""m: where an estimate leaps farther from one point to the next, its path is broken, not drawn across the map."""
+
+
+def plot(evaluation: Evaluation, path: str | Path) -> None:
+    """Draw one row per log into the file ``path``, a PNG unless its suffix says otherwise."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14, 6.2 * len(evaluation.logs)), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)  # not pyplot: no display, no state left behind
+    rows = figure.subfigures(len(evaluation.logs), 1, squeeze=False)[:, 0]
+    for row, log in zip(rows, evaluation.logs, strict=True):
+        _draw(row, log)
+    figure.savefig(path)
+
+
+def _draw(figure: SubFigure, log: LogEvaluation) -> None:
+    left, right = figure.subfigures(1, 2, squeeze=False)[0]
+    position, heading = left.subplots(2, 1, sharex=True)
+    _errors(position, heading, log)
+    _map(right.subplots(), log)
+    error = Summary.of(log.errors_since_found[0])
+    median = f"median error {error.median:.2f} m" if error else "never localized"
+    rate = f"{log.successes} of {len(log.runs)} runs succeed ({100 * log.success_rate:.0f} %)"
+    figure.suptitle(f"{log.name}: {rate}, {median}", fontsize=14, fontweight="bold")
+
+
+def _errors(position: Axes, heading: Axes, log: LogEvaluation) -> None:
+    thin = _thin(len(log.times))
+    curves = [
+        [np.column_stack([log.times, error])[thin] for error in _floored(run.poses, log.truth)] for run in log.runs
+    ]
+    for axes, k, limit, label in (
+        (position, 0, LOCALIZED[0], "position error (m)"),
+        (heading, 1, float(np.degrees(LOCALIZED[1])), "heading error (deg)"),
+    ):
+        _lines(axes, [c[k] for c in curves], log)
+        _median(axes, [c[k] for c in curves], log)
+        axes.axhline(limit, color=LIMIT, linewidth=1, linestyle="--", zorder=1)
+        axes.annotate(
+            f"{limit:g} {'m' if k == 0 else 'deg'}", (1, limit), (-4, 3), ("axes fraction", "data"), "offset points",
+            ha="right", fontsize=8, color=LIMIT,
+        )  # fmt: skip
+        for at in log.kidnapped_at:
+            axes.axvline(at, color=TRUTH, linewidth=1, linestyle=":")
+        axes.set_yscale("log")
+        axes.set_ylabel(label)
+        axes.set_xlim(log.times[0], log.times[-1])
+        axes.autoscale(axis="y")
+        axes.grid(alpha=0.25, linewidth=0.5)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if position.get_legend_handles_labels()[0]:
+        position.legend(loc="upper right", frameon=False, fontsize=8)
+    heading.set_xlabel("time since the first scan (s)" + (", dotted: kidnapped" if log.kidnapped_at else ""))
+
+
+def _map(axes: Axes, log: LogEvaluation) -> None:
+    truth = log.truth[known(log.truth)]
+    if log.grid is not None:
+        _grid(axes, log.grid)
+    _lines(axes, [_path(run.poses[known(log.truth)]) for run in log.runs], log)
+    axes.plot(*_path(truth).T, color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), zorder=4)
+    for good, colour, marker in ((False, BAD, "X"), (True, GOOD, "o")):
+        ends = np.array([run.poses[known(log.truth)][-1, :2] for run in log.runs if run.score.success == good])
+        if len(ends):
+            axes.scatter(
+                ends[:, 0], ends[:, 1], s=42, c=colour, marker=marker, edgecolors="white", linewidths=0.7, zorder=5
+            )
+    axes.scatter(truth[0, 0], truth[0, 1], s=110, c="white", marker="s", edgecolors=TRUTH, linewidths=1.5, zorder=6)
+    axes.scatter(truth[-1, 0], truth[-1, 1], s=130, c="white", marker="*", edgecolors=TRUTH, linewidths=1.2, zorder=6)
+    _frame(axes, log, truth)
+    _legend(axes, log)
+
+
+def _frame(axes: Axes, log: LogEvaluation, truth: Array) -> None:
+    """Show the known part of the map (or the reference alone), not the ocean around it."""
+    corners = truth[:, :2]
+    if log.grid is not None and log.grid.known.any():
+        rows, columns = np.nonzero(log.grid.known)
+        low, high = (
+            log.grid.resolution * np.array([limit(columns), limit(rows)]) for limit in (np.min, lambda i: np.max(i) + 1)
+        )
+        box = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
+        corners = np.vstack([corners, log.grid.to_map(box)[:, :2]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = 0.02 * float(np.max(high - low)) + 0.5
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
+    axes.set_aspect("equal")
+    axes.set_facecolor(str(UNKNOWN))
+    axes.locator_params(steps=[1, 2, 5, 10])
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _grid(axes: Axes, grid: OccupancyGrid) -> None:
+    from matplotlib.transforms import Affine2D
+
+    x, y, yaw = grid.origin
+    shade = np.where(
+        grid.known, 1.0 - 0.75 * np.nan_to_num(grid.occupancy), UNKNOWN
+    )  # grey enough to see paths on walls
+    axes.imshow(
+        shade, cmap="gray", vmin=0, vmax=1, origin="lower", interpolation="nearest",
+        extent=(0.0, grid.width * grid.resolution, 0.0, grid.height * grid.resolution),
+        transform=Affine2D().rotate(yaw).translate(x, y) + axes.transData,
+    )  # fmt: skip
+
+
+def _legend(axes: Axes, log: LogEvaluation) -> None:
+    from matplotlib.lines import Line2D
+
+    failed = len(log.runs) - log.successes
+    dot: dict[str, Any] = {"linestyle": "none", "markeredgecolor": TRUTH, "markerfacecolor": "white"}
+    entries = [
+        Line2D([], [], color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), label="reference"),
+        Line2D([], [], marker="s", markersize=7, label="its start", **dot),
+        Line2D([], [], marker="*", markersize=12, label="its end", **dot),
+    ]
+    if log.successes:
+        entries.append(
+            Line2D([], [], color=GOOD, marker="o", markeredgecolor="white", label=f"{log.successes} succeed")
+        )
+    if failed:
+        entries.append(Line2D([], [], color=BAD, marker="X", markeredgecolor="white", label=f"{failed} fail"))
+    axes.figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), frameon=False)
+
+
+def _lines(axes: Axes, curves: Sequence[Array], log: LogEvaluation) -> None:
+    """One line per run, those that failed below those that succeeded."""
+    from matplotlib.collections import LineCollection
+
+    alpha = float(np.clip(6 / len(curves), 0.12, 0.8))
+    for good, colour in ((False, BAD), (True, GOOD)):
+        chosen = [curve for curve, run in zip(curves, log.runs, strict=True) if run.score.success == good]
+        axes.add_collection(LineCollection(chosen, colors=colour, linewidths=0.9, alpha=alpha, zorder=3))
+
+
+def _median(axes: Axes, curves: Sequence[Array], log: LogEvaluation) -> None:
+    """The median over the runs that succeed, scan by scan, where there are enough of them to need one."""
+    from matplotlib.patheffects import Normal, Stroke
+
+    chosen = [curve for curve, run in zip(curves, log.runs, strict=True) if run.score.success]
+    if len(chosen) >= 5:
+        time, error = chosen[0][:, 0], np.median([curve[:, 1] for curve in chosen], axis=0)
+        rim = [Stroke(linewidth=3.2, foreground="white"), Normal()]
+        label = "median of the runs that succeed"
+        axes.plot(time, error, color=TRUTH, linewidth=1.4, path_effects=rim, zorder=4, label=label)
+
+
+def _floored(poses: Array, truth: Array) -> tuple[Array, Array]:
+    """Errors in metres and degrees, not below what a logarithmic axis should stretch for."""
+    position, heading = pose_errors(poses, truth)
+    return np.maximum(position, 0.01), np.maximum(np.degrees(heading), 0.1)
+
+
+def _thin(n: int) -> slice[Any, Any, Any]:
+    return slice(None, None, max(1, -(-n // POINTS)))
+
+
+def _path(poses: Array) -> Array:
+    """x and y of poses (n, 3), with a row of NaN wherever the path jumps."""
+    points = poses[_thin(len(poses)), :2]
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.insert(points, np.flatnonzero(steps > JUMP) + 1, np.nan, axis=0)
