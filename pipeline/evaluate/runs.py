@@ -188,18 +188,20 @@ def _pool(work: _Work, tasks: Sequence[Task], jobs: int) -> Generator[Run, None,
         pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start, initargs=(file,))
         try:
             with _without_interrupts():
-                results = pool.map(_run_started, tasks)
-            yield from results
+                futures = [pool.submit(_run_started, task) for task in tasks]
+            for future in futures:
+                yield future.result()
         except BrokenProcessPool as error:
             hint = "it may have run out of memory: fewer --jobs, or a smaller max_particles"
             raise MclError("a process of the evaluation died", hint) from error
         except BaseException:
+            # The executor ends what is left when it sees its processes die. Cancelled futures would make it stumble.
             for child in active_children():
                 if child not in others:
                     child.terminate()
             raise
         finally:
-            pool.shutdown(cancel_futures=True)
+            pool.shutdown()
 
 
 @contextmanager
