@@ -1,0 +1,151 @@
+"""What a viewer shows when it opens the recording: the map large, and beside it what the belief does over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
+
+from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.recording import entities, palette
+
+MARGIN = 1.05  # of the known area, left free around it
+ASPECT = 1.15  # of the map view in the layout below
+FIELD_OF_VIEW = np.deg2rad(55.0)  # of the viewer's 3D camera, measured vertically
+FLAT_PIXELS = 1000.0  # along the longer side of the flat view
+FLAT_HEIGHT = 40.0  # metres; from much higher, points are drawn with the noise of float32
+
+
+@dataclass(frozen=True)
+class Area:
+    """The part of the map frame that is worth looking at: ``centre`` (x, y) and ``size`` (x, y) in metres."""
+
+    centre: tuple[float, float]
+    size: tuple[float, float]
+    height: float = FLAT_HEIGHT
+
+    @property
+    def pixels_per_metre(self) -> float:
+        """Scale of the flat view."""
+        return FLAT_PIXELS / max(self.size)
+
+    @property
+    def pixels(self) -> tuple[float, float]:
+        """Width and height of the flat view."""
+        return (self.size[0] * self.pixels_per_metre, self.size[1] * self.pixels_per_metre)
+
+    @property
+    def eye_height(self) -> float:
+        """From where a 3D camera sees all of it, metres."""
+        return max(self.size[1], self.size[0] / ASPECT) / 2 / float(np.tan(FIELD_OF_VIEW / 2))
+
+
+def known_area(grid: OccupancyGrid) -> Area:
+    """Bounding box of the cells that the map knows, with a margin; of the whole map if it knows none."""
+    rows, columns = np.nonzero(grid.known)
+    if len(rows) == 0:
+        rows, columns = np.array([0, grid.height - 1]), np.array([0, grid.width - 1])
+    x0, x1 = columns.min() * grid.resolution, (columns.max() + 1) * grid.resolution
+    y0, y1 = rows.min() * grid.resolution, (rows.max() + 1) * grid.resolution
+    corners = grid.to_map([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)])[:, :2]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    centre, size = (low + high) / 2, (high - low) * MARGIN
+    return Area((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
+
+
+def blueprint(grid: OccupancyGrid, *, with_truth: bool) -> rrb.Blueprint:
+    """The layout for a run on this map."""
+    beside = [
+        rrb.BarChartView(
+            name="Weights: log10(weight / mean weight), %",
+            contents=[entities.WEIGHTS, entities.WEIGHT_SHARE],
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        ),
+        _curves("Effective sample size and particles", entities.ESS, entities.PARTICLE_COUNT),
+        _curves("Likelihood per beam and share explained", entities.LIKELIHOOD, entities.EXPLAINED),
+        _curves("Spread of the particles, m", entities.SPREAD),
+        rrb.TextLogView(origin=entities.EVENTS, name="Events"),
+    ]
+    documents = [
+        rrb.TextDocumentView(origin=entities.EXPLANATION, name="What you see"),
+        rrb.TextDocumentView(origin=entities.RUN, name="Run"),
+        rrb.TextDocumentView(origin=entities.RESULT, name="Result"),
+        rrb.Vertical(
+            rrb.BarChartView(origin=entities.DENSITY, name="p(z | z*), per metre, over z, m"),
+            rrb.TextDocumentView(origin=entities.DENSITY_NOTE, name="The beam model"),
+            row_shares=[3, 1],
+            name="Sensor model",
+        ),
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Tabs(*_maps(known_area(grid)), *documents, active_tab=0),
+            rrb.Vertical(*beside, row_shares=[3, 2, 2, 2, 2]),
+            column_shares=[5, 2],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused", playback_speed=4.0),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _maps(area: Area) -> list[rrb.View]:
+    x, y = area.centre
+    looking_down = rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital, position=(x, y, area.eye_height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)
+    )
+    shared: dict[str, Any] = {"contents": f"{entities.WORLD}/**", "overrides": _overrides()}
+    width, height = area.pixels
+    return [
+        rrb.Spatial3DView(
+            origin=entities.WORLD,
+            name="Map",
+            eye_controls=looking_down,
+            line_grid=False,
+            background=palette.BACKGROUND,
+            **shared,
+        ),
+        rrb.Spatial2DView(
+            origin=entities.CAMERA,
+            name="Map, flat",
+            visual_bounds=rrb.VisualBounds2D(x_range=[0.0, width], y_range=[0.0, height]),
+            background=palette.BACKGROUND,
+            **shared,
+        ),
+    ]
+
+
+def _overrides() -> dict[str, Any]:
+    # Headings start at the points they belong to; storing the origins again would add half of the file.
+    def same(target: str, source: str) -> VisualizerComponentMapping:
+        return VisualizerComponentMapping(
+            target=target, source_kind=ComponentSourceKind.SourceComponent, source_component=source
+        )
+
+    arrows = rr.Arrows3D.from_fields().visualizer(
+        mappings=[same("Arrows3D:origins", "Points3D:positions"), same("Arrows3D:colors", "Points3D:colors")]
+    )
+    # A path is a segment per scan; all up to the cursor are shown, so it grows as one scrubs.
+    so_far = rrb.VisibleTimeRanges(
+        [
+            rrb.VisibleTimeRange(
+                timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+            )
+            for timeline in (entities.SCAN, entities.TIME)
+        ]
+    )
+    return {
+        entities.PARTICLES: [rr.Points3D.from_fields().visualizer(), arrows],
+        entities.PATH: so_far,
+        entities.TRUTH_PATH: so_far,
+    }
+
+
+def _curves(name: str, *curves: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(name=name, contents=list(curves), plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop))

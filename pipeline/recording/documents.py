@@ -1,0 +1,88 @@
+"""The texts inside a recording, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pipeline.config import Config, dump_config
+from pipeline.logs.messages import Log
+
+_EXPLANATION = """\
+# What you see
+
+A robot does not know where it is. Every dot is a guess of its pose, a *particle*, with a tick for the heading.
+The robot moves, the particles move with it; the laser measures, and what does not fit dies out.
+
+| drawn as | means |
+|---|---|
+| dots, yellow to dark violet | particles; the darker, the heavier: from a hundredth of the mean weight to a hundred times |
+| magenta ring and arrow | the estimate: the mean of the heaviest hypothesis |
+| magenta ellipse | its position, 2 sigma |
+| magenta line | where the estimate has been so far; not joined across jumps |
+| blue lines | the beams as measured, laid out from the estimate |
+| orange dots | where the map says that these beams should end; off the blue ends: the estimate is wrong, or somebody stands there |
+| grey stubs | beams without return |
+| grey ellipses with a share | other hypotheses, with their part of the weight |
+| green ring, arrow and line | the truth, where the log knows it |
+
+Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the
+weight; 0 is the mean weight, 1 ten times that); the effective sample size and the number of particles; how well the
+beams fit; how far the particles spread about the estimate; what happened. Click an event or a curve to go there.
+
+{sampling}
+"""
+
+
+def explanation(config: Config) -> str:
+    """What the colours and curves mean, and how the recorded particles were chosen."""
+    sampling = (
+        f"At most {config.record_particles} particles are recorded per scan: every k-th of the filter's list from a "
+        "random start, so that each has the same chance to be drawn, whatever its weight. The histogram and the "
+        "curves count all of them. What is drawn is rounded to 4 mm and 1 degree; the estimate is also stored exactly."
+    )
+    return _EXPLANATION.format(sampling=sampling)
+
+
+def run(log: Log, config: Config, seed: int, versions: Mapping[str, str]) -> str:
+    """What was localised, with which parameters and versions."""
+    grid = log.grid
+    assert grid is not None
+    facts = {
+        "log": f"{log.name} ({len(log)} scans, {log.duration:.1f} s)",
+        "log SHA-256": f"`{log.sha256}`",
+        "map": f"{grid.width} x {grid.height} cells of {grid.resolution:g} m",
+        "map SHA-256": f"`{grid.sha256}`",
+        "seed": str(seed),
+        **versions,
+    }
+    return f"# Run\n\n{_table('', facts)}\n\n## Configuration\n\n```yaml\n{dump_config(config)}```\n"
+
+
+def result(figures: Mapping[str, Any]) -> str:
+    """What came out, as a table."""
+    return f"# Result\n\n{_table('figure', {k: _shown(v) for k, v in figures.items()})}\n"
+
+
+def density(true_range: float, config: Config) -> str:
+    """What the plot of the sensor model shows."""
+    weights = {name: f"{getattr(config, name):g}" for name in ("z_hit", "z_short", "z_max", "z_rand")}
+    return (
+        f"Probability density of a reading *z* where the map's range is *z\\** = {true_range:g} m: "
+        f"a hit (z_hit {weights['z_hit']}, sigma {config.sigma_hit:g} m), something in the way "
+        f"(z_short {weights['z_short']}), no return (z_max {weights['z_max']}), anything else (z_rand "
+        f"{weights['z_rand']})."
+    )
+
+
+def _table(title: str, rows: Mapping[str, str]) -> str:
+    lines = [f"| {title} | |", "|---|---|", *(f"| {key} | {value} |" for key, value in rows.items())]
+    return "\n".join(lines)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(v) for v in value)
+    return str(value)

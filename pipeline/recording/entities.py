@@ -1,0 +1,66 @@
+"""Every name in the recording, once: entities, timelines, the ids, and the components that ``inspect`` reads back."""
+
+from __future__ import annotations
+
+import hashlib
+
+from pipeline.config import Config
+from pipeline.logs.messages import Log
+
+APPLICATION_ID = "mcl"
+
+SCAN = "scan"  # timeline: index of the scan
+TIME = "t"  # timeline: duration since the first scan
+LOG_TIME = "log_time"  # timeline: wall clock; what `rerun rrd compare` leaves out
+
+# The map frame, metres. What moves with the robot hangs below a transform of its own.
+WORLD = "/world"
+MAP = "/world/map"
+PARTICLES = "/world/particles"
+LASER = "/world/laser"
+MEASURED = "/world/laser/measured"
+EXPECTED = "/world/laser/expected"
+NO_RETURN = "/world/laser/no_return"
+ESTIMATE = "/world/estimate"
+ESTIMATE_BODY = "/world/estimate/body"
+ESTIMATE_HEADING = "/world/estimate/heading"
+COVARIANCE = "/world/covariance"
+HYPOTHESES = "/world/hypotheses"
+PATH = "/world/path"
+TRUTH = "/world/truth"
+TRUTH_BODY = "/world/truth/body"
+TRUTH_HEADING = "/world/truth/heading"
+TRUTH_PATH = "/world/truth_path"
+CAMERA = "/world/camera"  # looks straight down; the flat view is its picture
+
+WEIGHTS = "/weights/particles"
+WEIGHT_SHARE = "/weights/weight"
+DENSITY = "/sensor_model/density"
+DENSITY_NOTE = "/sensor_model/note"
+
+ESS = "/curves/ess"
+PARTICLE_COUNT = "/curves/particles"
+LIKELIHOOD = "/curves/likelihood"
+EXPLAINED = "/curves/explained"
+SPREAD = "/curves/spread"
+EVENTS = "/events"
+
+EXPLANATION = "/about/explanation"
+RUN = "/about/run"
+RESULT = "/about/result"
+
+# For programs: full precision, exact stamps.
+RECORD = "/record/estimate"
+TIMINGS = "/record/timings"
+
+RECORD_TYPE = "mcl.Estimate"
+EVENT_TYPE = "mcl.Event"
+TIMING_TYPE = "mcl.Timing"
+PROPERTY_RUN = "run"
+PROPERTY_RESULT = "result"
+
+
+def recording_id(log: Log, config: Config, seed: int) -> str:
+    """The same for the same log, configuration and seed, and for nothing else."""
+    digest = hashlib.sha256(f"{log.sha256}\n{config.model_dump_json()}".encode()).hexdigest()
+    return f"{log.name}-{digest[:12]}-seed{seed}"

@@ -1,0 +1,50 @@
+"""The colours, chosen to survive colour-blindness: cividis for weights, blue and orange for measured and expected.
+
+Nothing is told by hue alone: weights differ in lightness too, rays in their form.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Colour = tuple[int, int, int]
+
+MEASURED: Colour = (0, 114, 178)
+EXPECTED: Colour = (230, 120, 0)
+NO_RETURN: Colour = (150, 150, 150)
+ESTIMATE: Colour = (204, 0, 110)
+TRUTH: Colour = (0, 140, 100)
+NEUTRAL: Colour = (130, 130, 130)
+BACKGROUND: Colour = (205, 205, 205)
+
+# Weight relative to the mean weight, log10: the ends of the colour scale and of the histogram's axis.
+COLOUR_RANGE = (-2.0, 2.0)
+HISTOGRAM_RANGE = (-4.0, 4.0)
+HISTOGRAM_BINS = 40
+
+# viridis at 16 equal steps, light to dark: the heavier a particle, the darker on the map's white floor.
+WEIGHT_COLOURS: NDArray[np.uint8] = np.array(
+    [
+        (253, 231, 37), (210, 226, 27), (165, 219, 54), (122, 209, 81), (84, 197, 104), (53, 183, 121),
+        (34, 168, 132), (31, 152, 139), (35, 136, 142), (42, 120, 142), (49, 104, 142), (57, 86, 140),
+        (65, 68, 135), (70, 50, 126), (72, 27, 109), (68, 1, 84),
+    ],
+    dtype=np.uint8,
+)  # fmt: skip
+
+
+def weight_levels(log_weights: NDArray[np.float64], chosen: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Index into WEIGHT_COLOURS of the chosen particles, with the mean weight 1 / n in the middle of the scale.
+
+    ``log_weights``: (n,), natural, normalised; ``chosen``: (m,) indices; returns (m,).
+    """
+    low, high = COLOUR_RANGE
+    relative = relative_weights(log_weights[chosen], len(log_weights))
+    scaled = (np.clip(relative, low, high) - low) * (len(WEIGHT_COLOURS) / (high - low))
+    return np.minimum(scaled.astype(np.int64), len(WEIGHT_COLOURS) - 1)
+
+
+def relative_weights(log_weights: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """log10(w * n): 0 is the mean weight of n = ``count`` particles, 1 ten times that. ``log_weights``: natural."""
+    return (log_weights + np.log(max(count, 1))) * np.log10(np.e)

@@ -1,0 +1,233 @@
+"""Writes a run as a rerun recording: the only module that logs to rerun."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.errors import MclError
+from pipeline.filter.step import Step
+from pipeline.geometry import between, yaw_to_quaternion
+from pipeline.logs.messages import Log
+from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.recording import documents, entities, palette
+from pipeline.recording.blueprint import blueprint, known_area
+from pipeline.recording.columns import Columns, Frame, batch_columns, segments, timelines, transforms
+from pipeline.recording.sampling import draw, weight_bars
+from pipeline.recording.styles import styles
+from pipeline.recording.versions import versions
+
+Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
+
+BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
+JUMP = 0.5  # metres beyond what the odometry moved: the path is not drawn across
+
+
+class RerunSink:
+    """A recording that grows with the run and is complete once closed.
+
+    ``path``: the .rrd, which must not exist; its folder must. ``log``: what was localised, with its map;
+    ``density``: the sensor model at one true range, (z (k,) m ascending, p(z | z*) (k,) per metre, z* m).
+    Whatever was written in whole batches can be read even if the process is killed.
+    Raises MclError for a log without a map, or where the file cannot be written.
+    """
+
+    def __init__(self, path: Path | str, *, log: Log, config: Config, seed: int, density: Density | None = None) -> None:
+        if log.grid is None:
+            raise MclError("the log holds no map, and a recording is drawn on one", path=log.path)
+        self.path = Path(path)
+        if self.path.exists():
+            raise MclError("this recording exists already and is never overwritten", path=self.path)
+        if not self.path.parent.is_dir():
+            raise MclError("the recording's folder does not exist", path=self.path.parent)
+        self._log, self._config, self._seed = log, config, seed
+        self._frames: list[Frame] = []
+        self._outbox: list[Columns] = []
+        self._previous: tuple[Step, NDArray[np.float64]] | None = None
+        self._closed = False
+        rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
+        self._stream = rr.RecordingStream(
+            entities.APPLICATION_ID, recording_id=entities.recording_id(log, config, seed)
+        )
+        self._stream.set_log_time_enabled(False)
+        self._started = time.time()
+        try:
+            self._stream.save(self.path, default_blueprint=blueprint(log.grid, with_truth=log.ground_truth is not None))
+        except Exception as error:
+            raise MclError(f"cannot write the recording: {error}", path=self.path) from error
+        self._log_map(log.grid)
+        self._log_styles()
+        self._log_documents(density)
+        self._log_truth()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def log(self, step: Step) -> None:
+        """Adds one step; the views it holds may change afterwards."""
+        drawn = draw(len(step.particles), self._config.record_particles, self._seed, step.index)
+        bars, share = weight_bars(step.log_weights)
+        pose = np.array(step.estimate.pose, dtype=np.float64)
+        frame = Frame(
+            step=dataclasses.replace(step, particles=_NO_PARTICLES, log_weights=_NO_WEIGHTS),
+            particles=step.particles[drawn],
+            levels=palette.weight_levels(step.log_weights, drawn),
+            count=len(step.particles),
+            bars=bars,
+            weight_bars=share,
+            previous=pose if self._previous is None else self._previous[1],
+            joined=self._joins(step),
+        )
+        self._previous = (step, pose)
+        self._frames.append(frame)
+        if len(self._frames) >= BATCH:
+            self._flush()
+
+    def finish(self, summary: dict[str, Any]) -> None:
+        """Adds what is known only at the end: JSON-like figures, and under "timings" wall times in seconds by name.
+
+        Wall times differ between equal runs. They are stored as places on the wall-clock timeline, counted from
+        the row "start": that timeline is left out by ``rerun rrd compare``, so that equal runs compare as equal.
+        """
+        self._flush()
+        timings = summary.get("timings", {})
+        figures = {key: value for key, value in summary.items() if key != "timings"}
+        self._property(entities.PROPERTY_RESULT, {"figures": json.dumps(figures, default=_plain, allow_nan=True)})
+        self._document(entities.RESULT, documents.result(figures))
+        seconds = np.array([0.0, *(float(v) for v in timings.values())])
+        columns = rr.DynamicArchetype.columns(entities.TIMING_TYPE, components={"name": ["start", *timings]})
+        clock = rr.TimeColumn(entities.LOG_TIME, timestamp=self._started + seconds)
+        self._stream.send_columns(entities.TIMINGS, [clock], columns)
+
+    def close(self) -> None:
+        """Writes what is left and the file's footer; closing twice does nothing more."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self._flush()
+        finally:
+            self._stream.flush()
+            self._stream.disconnect()
+
+    def _flush(self) -> None:
+        # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.
+        if self._frames:
+            self._outbox += batch_columns(self._frames)
+            self._frames = []
+        while self._outbox:
+            self._stream.send_columns(*self._outbox[0])
+            del self._outbox[0]
+
+    def _joins(self, step: Step) -> bool:
+        if self._previous is None:
+            return False
+        before, pose = self._previous
+        odometry = between(self._log.odometry[before.index], self._log.odometry[step.index])
+        travelled, jumped = np.hypot(*odometry[:2]), np.hypot(*(step.estimate.pose[:2] - pose[:2]))
+        return bool(jumped <= travelled + JUMP)
+
+    def _static(self, entity: str, *archetypes: Any) -> None:
+        self._stream.log(entity, *archetypes, static=True)
+
+    def _document(self, entity: str, markdown: str) -> None:
+        self._static(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN))
+
+    def _property(self, name: str, values: dict[str, Any]) -> None:
+        self._stream.send_property(name, rr.AnyValues(**values))
+
+    def _log_map(self, grid: OccupancyGrid) -> None:
+        cells = np.where(grid.known, np.round(np.nan_to_num(grid.occupancy) * 100), -1).astype(np.int8)
+        picture = rr.components.ImageFormat(
+            width=grid.width, height=grid.height, color_model="L", channel_datatype="U8"
+        )
+        x, y, yaw = grid.origin
+        self._static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self._static(
+            entities.MAP,
+            rr.GridMap(
+                data=np.ascontiguousarray(cells[::-1]).tobytes(),  # a picture's first row is its top
+                format=picture,
+                cell_size=grid.resolution,
+                translation=[x, y, 0.0],
+                quaternion=rr.Quaternion(xyzw=yaw_to_quaternion(yaw)),
+                colormap=rr.components.Colormap.RvizMap,
+            ),
+        )
+        area = known_area(grid)
+        self._static(
+            entities.CAMERA,
+            rr.Transform3D(translation=[*area.centre, area.height], mat3x3=np.diag([1.0, -1.0, -1.0])),
+            rr.Pinhole(
+                focal_length=area.height * area.pixels_per_metre,
+                resolution=area.pixels,
+                camera_xyz=rr.ViewCoordinates.RDF,
+                image_plane_distance=0.001,  # the camera itself shall not be seen
+            ),
+        )
+
+    def _log_styles(self) -> None:
+        for entity, archetypes in styles().items():
+            self._static(entity, *archetypes)
+
+    def _log_documents(self, density: Density | None) -> None:
+        log, config = self._log, self._config
+        assert log.grid is not None
+        found = versions()
+        self._property(
+            entities.PROPERTY_RUN,
+            {
+                "log": log.name,
+                "log_sha256": log.sha256,
+                "map_sha256": log.grid.sha256,
+                "scans": len(log),
+                "seed": self._seed,
+                "config": config.model_dump_json(),
+                "versions": json.dumps(found),
+            },
+        )
+        self._document(entities.EXPLANATION, documents.explanation(config))
+        self._document(entities.RUN, documents.run(log, config, self._seed, found))
+        if density is not None:
+            z, p, true_range = density
+            chart = rr.BarChart(
+                np.asarray(p, dtype=np.float32), abscissa=np.asarray(z, dtype=np.float32), color=palette.MEASURED
+            )
+            self._static(entities.DENSITY, chart)
+            self._document(entities.DENSITY_NOTE, documents.density(true_range, config))
+
+    def _log_truth(self) -> None:
+        truth = self._log.ground_truth
+        if truth is None or len(truth.stamps) == 0:
+            return
+        stamps = self._log.stamps
+        inside = np.flatnonzero((stamps >= truth.stamps[0]) & (stamps <= truth.stamps[-1]))
+        if len(inside) == 0:
+            return
+        # Seconds since the first scan: epoch nanoseconds do not fit a float.
+        known, wanted = ((s - stamps[0]) / 1e9 for s in (truth.stamps, stamps[inside]))
+        x, y, yaw = (np.interp(wanted, known, c) for c in (*truth.poses[:, :2].T, np.unwrap(truth.poses[:, 2])))
+        poses = np.stack([x, y, yaw], axis=-1)
+        index = timelines(inside, self._log.times[inside])
+        self._stream.send_columns(entities.TRUTH, index, transforms(poses, z=0.08))
+        self._stream.send_columns(entities.TRUTH_PATH, index, segments(poses, z=0.03))
+
+
+_NO_PARTICLES = np.empty((0, 3), dtype=np.float32)
+_NO_WEIGHTS = np.empty(0, dtype=np.float64)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)

@@ -1,0 +1,57 @@
+"""How the entities look: logged once, as static data, so that every viewer draws them alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import rerun as rr
+
+from pipeline.recording import entities, palette
+
+# Widths in screen points stay visible when a whole building fills the window.
+_thin, _line, _thick, _dot = (rr.Radius.ui_points(size) for size in (0.5, 1.0, 1.5, 2.0))
+
+
+def styles() -> dict[str, list[Any]]:
+    """Static archetypes by entity."""
+    return {
+        entities.PARTICLES: [rr.Points3D.from_fields(radii=_dot), rr.Arrows3D.from_fields(radii=_thin)],
+        entities.MEASURED: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.MEASURED)],
+        entities.NO_RETURN: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.NO_RETURN)],
+        entities.EXPECTED: [rr.Points3D.from_fields(radii=_dot, colors=palette.EXPECTED)],
+        entities.COVARIANCE: [rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.ESTIMATE)],
+        entities.HYPOTHESES: [rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.NEUTRAL, show_labels=True)],
+        entities.PATH: [rr.LineStrips3D.from_fields(radii=_thick, colors=palette.ESTIMATE)],
+        entities.TRUTH_PATH: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.TRUTH)],
+        **_robot(entities.ESTIMATE_BODY, entities.ESTIMATE_HEADING, palette.ESTIMATE),
+        **_robot(entities.TRUTH_BODY, entities.TRUTH_HEADING, palette.TRUTH),
+        entities.WEIGHTS: [_bars(palette.NEUTRAL)],
+        entities.WEIGHT_SHARE: [_bars(palette.ESTIMATE)],
+        entities.ESS: [_curve("effective sample size", palette.EXPECTED)],
+        entities.PARTICLE_COUNT: [_curve("particles", palette.NEUTRAL)],
+        entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.MEASURED)],
+        entities.EXPLAINED: [_curve("share of beams explained", palette.EXPECTED)],
+        entities.SPREAD: [_curve("spread, m", palette.ESTIMATE)],
+    }
+
+
+def _robot(body: str, heading: str, colour: palette.Colour) -> dict[str, list[Any]]:
+    angles = np.linspace(0.0, 2 * np.pi, 33)
+    outline = 0.3 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
+    return {
+        body: [rr.LineStrips3D([outline], radii=_thick, colors=colour)],
+        heading: [rr.Arrows3D(vectors=[[1.0, 0.0, 0.0]], radii=_thick, colors=colour)],
+    }
+
+
+def _curve(name: str, colour: palette.Colour) -> Any:
+    return rr.SeriesLines(colors=colour, names=name, widths=1.5)
+
+
+def _bars(colour: palette.Colour) -> list[Any]:
+    low, high = palette.HISTOGRAM_RANGE
+    edges = np.linspace(low, high, palette.HISTOGRAM_BINS + 1, dtype=np.float32)
+    chart = rr.BarChart(edges[1:], abscissa=(edges[:-1] + edges[1:]) / 2, color=colour)
+    # The heights come with the scans. (`BarChart.from_fields` insists on them.)
+    return [b for b in chart.as_component_batches() if b.component_descriptor() != rr.BarChart.descriptor_values()]
