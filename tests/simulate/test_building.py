@@ -1,0 +1,86 @@
+"""Descriptions of buildings: what is accepted, and what is said about what is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pipeline.errors import MclError
+from pipeline.simulate import load_building
+
+GOOD = """\
+name: hut
+map: {size: [8, 6]}
+rooms:
+  - {name: hall, box: [1, 1, 7, 5]}
+doors:
+  - {start: [3, 1], end: [4, 1], open_deg: 45}
+robot:
+  start: [2, 2]
+  legs:
+    - {to: [6, 4]}
+"""
+
+
+def load(tmp_path: Path, text: str):
+    path = tmp_path / "hut.yaml"
+    path.write_text(text)
+    return load_building(path)
+
+
+def test_values_and_defaults_are_read(tmp_path: Path) -> None:
+    building = load(tmp_path, GOOD)
+    assert building.rooms[0].box == (1.0, 1.0, 7.0, 5.0)
+    assert building.doors[0].open_deg == 45.0
+    assert building.doors[0].mapped_open_deg is None
+    assert building.robot.legs[0].to == (6.0, 4.0)
+    assert building.laser.rate == 5.0
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "line", "said"),
+    [
+        ("rooms:", "romos:", 3, "'rooms'"),
+        ("open_deg", "open_degs", 6, "'open_deg'"),
+        ("box:", "bocks:", 4, "unknown key 'rooms[0].bocks'"),
+        ("{to: [6, 4]}", "{too: [6, 4]}", 10, "'to'"),
+        ("{to: [6, 4]}", "{to: [6, 4], pause: 1}", 10, "one of to"),
+        ("[1, 1, 7, 5]", "[7, 1, 1, 5]", 4, "x_min < x_max"),
+        ("open_deg: 45", "open_deg: wide", 6, "'wide'"),
+        ("end: [4, 1]", "end: [3, 1]", 6, "two points"),
+        ("start: [2, 2]", "start: [2]", 8, "robot.start"),
+    ],
+)
+def test_mistakes_are_told_with_their_line(tmp_path: Path, good: str, bad: str, line: int, said: str) -> None:
+    with pytest.raises(MclError) as caught:
+        load(tmp_path, GOOD.replace(good, bad))
+    assert caught.value.line == line
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[1, 2]", "mapping"),
+        ("rooms: [", "hut.yaml:"),
+        ("", "mapping"),
+        (GOOD.replace("[6, 4]", "[60, 4]"), "outside the map"),
+        (GOOD.replace("name: hut", "name: ../hut"), "name"),
+        (GOOD.replace("  - {name: hall, box: [1, 1, 7, 5]}", "  []"), "rooms or walls"),
+        (GOOD.replace("[8, 6]", "[8, .nan]"), "map.size"),
+    ],
+)
+def test_files_that_describe_no_building(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(MclError, match=r"hut\.yaml") as caught:
+        load(tmp_path, text)
+    assert said in str(caught.value)
+
+
+def test_a_missing_file_and_one_that_is_not_text(tmp_path: Path) -> None:
+    with pytest.raises(MclError, match="No such file"):
+        load_building(tmp_path / "none.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x80")
+    with pytest.raises(MclError, match="not a text file"):
+        load_building(tmp_path / "binary.yaml")
