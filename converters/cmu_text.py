@@ -1,0 +1,176 @@
+"""The O/L text logs of the CMU course: one line per odometry reading (O) or laser scan (L), centimetres and radians.
+
+``O x y theta ts`` and ``L x y theta xl yl thetal r1 ... r180 ts``: the pose of the robot in the odometry
+frame, the pose of the laser in it, 180 ranges counter-clockwise from the right, seconds since the start.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from converters.text import read_bytes, write_text
+from pipeline.errors import MclError
+from pipeline.logs.stamps import format_stamp, parse_stamp
+
+BEAMS = 180
+NO_RETURN_CM = 8191.0
+MAX_RANGE_CM = 8182.0  # 8183, 8187, 8189 and 8191 are the codes of readings without return
+MAX_STAMP = (2**31 - 1) * 1_000_000_000  # seconds are a signed 32-bit number in ROS 2
+_COUNTS = {b"O": 4, b"L": 7 + BEAMS}
+_LINE = re.compile(rb"^[ \t]*[OL][ \t]", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class CmuLog:
+    """A text log in columns: n lines of which m are scans.
+
+    ``lines`` (n,) 1-based line numbers in the file; ``is_scan`` (n,); ``stamps`` (n,) int64 ns;
+    ``poses`` (n, 3) robot, ``laser_poses`` (m, 3) laser, both cm, cm, rad in the odometry frame, as
+    written; ``ranges`` (m, 180) float64 cm as written, codes of readings without return included.
+    """
+
+    lines: NDArray[np.int64]
+    is_scan: NDArray[np.bool_]
+    stamps: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    laser_poses: NDArray[np.float64]
+    ranges: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def take(self, keep: NDArray[np.bool_]) -> CmuLog:
+        """The lines where ``keep`` (n,) is true."""
+        scans = keep[self.is_scan]
+        return CmuLog(
+            self.lines[keep],
+            self.is_scan[keep],
+            self.stamps[keep],
+            self.poses[keep],
+            self.laser_poses[scans],
+            self.ranges[scans],
+        )
+
+
+def is_log_text(head: bytes) -> bool:
+    """Whether the first bytes of a text file look like an O/L log."""
+    return _LINE.search(head) is not None
+
+
+def read_log_text(path: Path) -> CmuLog:
+    """Reads a log, plain or gzipped; stamps exact to the nanosecond.
+
+    Raises MclError with file and line for an unknown line type, a wrong count of numbers (a cut
+    line), anything that is not a finite number, a negative stamp, and time running backwards.
+    """
+    return parse_log_text(read_bytes(path), path)
+
+
+def parse_log_text(data: bytes, path: Path) -> CmuLog:
+    """The same from bytes that are already unpacked; ``path`` names them in errors."""
+    lines: list[int] = []
+    is_scan: list[bool] = []
+    stamps: list[int] = []
+    odometry: list[list[float]] = []
+    scans: list[list[float]] = []
+    for number, line in enumerate(data.split(b"\n"), start=1):
+        tokens = line.split()
+        if not tokens:
+            continue
+        kind = tokens[0]
+        if kind not in _COUNTS:
+            raise MclError(f"unknown line type {_show(kind)}, expected O or L", _hint(line), path=path, line=number)
+        if len(tokens) - 1 != _COUNTS[kind]:
+            raise MclError(_wrong_count(kind, len(tokens) - 1), path=path, line=number)
+        values, stamp = _numbers(tokens, path, number)
+        if stamps and stamp < stamps[-1]:
+            before = format_stamp(stamps[-1], 6)
+            raise MclError(f"time runs backwards: {format_stamp(stamp, 6)} after {before}", path=path, line=number)
+        lines.append(number)
+        is_scan.append(kind == b"L")
+        stamps.append(stamp)
+        odometry.append(values[:3])
+        if kind == b"L":
+            scans.append(values[3:])
+    if not scans:
+        raise MclError("no laser scans (L lines) in this log", path=path)
+    laser = np.array(scans, dtype=np.float64)
+    return CmuLog(
+        np.array(lines, dtype=np.int64),
+        np.array(is_scan, dtype=np.bool_),
+        np.array(stamps, dtype=np.int64),
+        np.array(odometry, dtype=np.float64),
+        laser[:, :3],
+        laser[:, 3:],
+    )
+
+
+def write_log_text(path: Path, log: CmuLog) -> None:
+    """Writes a log as the course's files are written (six decimals, whole ranges), gzipped if the name ends in .gz."""
+    write_text(path, "".join(f"{line}\n" for line in format_lines(log)))
+
+
+def format_lines(log: CmuLog) -> list[str]:
+    """The text of every line, in order, without line ends."""
+    result = []
+    lasers, ranges = iter(log.laser_poses.tolist()), iter(log.ranges.tolist())
+    columns = zip(log.is_scan.tolist(), log.stamps.tolist(), log.poses.tolist(), strict=True)
+    for is_scan, stamp, pose in columns:
+        laser, beams = (next(lasers), next(ranges)) if is_scan else (None, None)
+        result.append(format_log_line(stamp, pose, laser, beams))
+    return result
+
+
+def format_log_line(
+    stamp: int, pose: list[float], laser_pose: list[float] | None = None, ranges: list[float] | None = None
+) -> str:
+    """One line: O, or L if a laser pose and ranges are given. Nanoseconds; cm, cm, rad; cm."""
+    numbers = "{:.6f} {:.6f} {:.6f}".format
+    seconds = format_stamp(stamp, 6)
+    if laser_pose is None or ranges is None:
+        return f"O {numbers(*pose)} {seconds}"
+    beams = " ".join([f"{r:.0f}" if r == int(r) else f"{r:.10g}" for r in ranges])
+    return f"L {numbers(*pose)} {numbers(*laser_pose)} {beams} {seconds}"
+
+
+def _numbers(tokens: list[bytes], path: Path, line: int) -> tuple[list[float], int]:
+    try:
+        values = list(map(float, tokens[1:-1]))
+        stamp = parse_stamp(tokens[-1].decode("ascii"))
+    except ValueError:
+        bad = next((t for t in tokens[1:] if not _is_number(t)), tokens[-1])
+        raise MclError(f"{_show(bad)} is not a number", path=path, line=line) from None
+    if not math.isfinite(sum(values)):
+        raise MclError("NaN or an infinite number", path=path, line=line)
+    if not 0 <= stamp <= MAX_STAMP:
+        raise MclError(f"the stamp {_show(tokens[-1])} is out of bounds", path=path, line=line)
+    return values, stamp
+
+
+def _is_number(token: bytes) -> bool:
+    try:
+        return math.isfinite(float(token))
+    except ValueError:
+        return False
+
+
+def _wrong_count(kind: bytes, found: int) -> str:
+    if kind == b"O":
+        return f"an O line has 4 numbers (x y theta ts), this one has {found}"
+    return f"an L line has 187 numbers ({BEAMS} ranges), this one has {found} ({max(found - 7, 0)} ranges)"
+
+
+def _hint(line: bytes) -> str:
+    if line.startswith((b"robot_specifications", b"global_map")):
+        return "this is a beesoft map, not a log"
+    return ""
+
+
+def _show(token: bytes) -> str:
+    return repr(token[:40].decode("ascii", errors="replace"))

@@ -1,0 +1,73 @@
+"""What the messages of one topic say, in columns: the step between raw messages and a Log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.geometry import quaternion_to_yaw
+
+
+@dataclass(frozen=True)
+class ScanColumns:
+    """n scans of one laser, as recorded: ``stamps`` (n,) int64 ns, ``sequences`` (n,) int64, ``ranges`` (n, beams) m.
+
+    Angles in radians in the laser's own frame ``frame``; nothing is cleaned or turned round yet.
+    """
+
+    stamps: NDArray[np.int64]
+    sequences: NDArray[np.int64]
+    ranges: NDArray[np.float32]
+    angle_min: float
+    angle_increment: float
+    range_min: float
+    range_max: float
+    frame: str
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+
+@dataclass(frozen=True)
+class PoseColumns:
+    """n poses of ``child_frame`` in ``frame``: ``stamps`` (n,) int64 ns, ``sequences`` (n,) int64.
+
+    ``positions`` (n, 3) metres; ``orientations`` (n, 4) quaternions x, y, z, w.
+    """
+
+    stamps: NDArray[np.int64]
+    sequences: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    orientations: NDArray[np.float64]
+    frame: str
+    child_frame: str = ""
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def planar(self) -> NDArray[np.float64]:
+        """The poses in the plane, (n, 3): m, m, rad."""
+        return np.column_stack([self.positions[:, :2], quaternion_to_yaw(*self.orientations.T)])
+
+
+def planar_poses(
+    stamps: NDArray[np.int64],
+    sequences: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    frame: str,
+    child_frame: str = "",
+) -> PoseColumns:
+    """Poses (n, 3) in the plane as columns; a yaw in (-2 pi, 2 pi] keeps its turn, since q and -q differ."""
+    zero = np.zeros(len(poses))
+    x, y, half = poses[:, 0], poses[:, 1], poses[:, 2] / 2
+    return PoseColumns(
+        stamps,
+        sequences,
+        np.column_stack([x, y, zero]),
+        np.column_stack([zero, zero, np.sin(half), np.cos(half)]),
+        frame,
+        child_frame,
+    )

@@ -1,0 +1,159 @@
+"""Raw access to an .mcap: which topics it has, their messages as bytes, its metadata and attachments."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import MclError
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A channel of the file: its topic, message type, message encoding (``cdr`` for ROS 2) and number of messages."""
+
+    name: str
+    type: str
+    encoding: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Messages:
+    """The messages of one topic in the order of the file: log times (n,) ns, sequences (n,), and their bytes."""
+
+    topic: Topic
+    log_times: NDArray[np.int64]
+    sequences: NDArray[np.int64]
+    data: list[bytes]
+
+
+class McapFile:
+    """An .mcap opened for reading; a context manager.
+
+    Raises MclError if the file is missing, empty, no MCAP, cut or damaged.
+    """
+
+    def __init__(self, path: Path) -> None:
+        from mcap.reader import make_reader
+
+        self.path = Path(path)
+        try:
+            self._file = self.path.open("rb")
+        except FileNotFoundError as error:
+            raise MclError("no such file", path=path) from error
+        except OSError as error:
+            raise MclError(f"cannot be read: {error.strerror}", path=path) from error
+        try:
+            self._check_ends()
+            with self._damage():
+                self._reader = make_reader(self._file)
+                self.topics = {topic.name: topic for topic in self._find_topics()}
+        except BaseException:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> McapFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def messages(self, names: Collection[str]) -> dict[str, Messages]:
+        """All messages of the topics named that the file has; topics without messages are left out."""
+        found: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
+        topics: dict[int, str] = {}
+        with self._damage():
+            for _, channel, message in self._reader.iter_messages(topics=list(names), log_time_order=False):
+                if message.channel_id not in found:
+                    found[message.channel_id] = ([], [], [])
+                    topics[message.channel_id] = channel.topic
+                times, sequences, data = found[message.channel_id]
+                times.append(message.log_time)
+                sequences.append(message.sequence)
+                data.append(message.data)
+        result: dict[str, Messages] = {}
+        for channel_id, (times, sequences, data) in found.items():
+            name = topics[channel_id]
+            if name in result:  # two publishers of one topic
+                before = result[name]
+                times = before.log_times.tolist() + times
+                sequences = before.sequences.tolist() + sequences
+                data = before.data + data
+            stamps, numbers = np.array(times, dtype=np.int64), np.array(sequences, dtype=np.int64)
+            result[name] = Messages(self.topics[name], stamps, numbers, data)
+        return result
+
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """The metadata records by name."""
+        with self._damage():
+            return {record.name: dict(record.metadata) for record in self._reader.iter_metadata()}
+
+    def attachment(self, name: str) -> bytes | None:
+        """The content of the attachment of that name, None if there is none."""
+        with self._damage():
+            for attachment in self._reader.iter_attachments():
+                if attachment.name == name:
+                    content: bytes = attachment.data
+                    return content
+        return None
+
+    def describe(self) -> str:
+        """What the file holds, for an error message: every topic with its type and number of messages."""
+        listed = [f"{t.name} ({t.type or t.encoding}, {t.count})" for t in self.topics.values()]
+        return "it has " + ", ".join(listed) if listed else "it has no messages at all"
+
+    def _find_topics(self) -> list[Topic]:
+        summary = self._reader.get_summary()
+        channels: dict[int, Any] = dict(summary.channels) if summary else {}
+        schemas: dict[int, Any] = dict(summary.schemas) if summary else {}
+        counts: dict[int, int] = {}
+        if summary is not None and summary.statistics is not None:
+            counts = dict(summary.statistics.channel_message_counts)
+        else:  # allowed, but then only reading everything tells what is there
+            for schema, channel, _ in self._reader.iter_messages(log_time_order=False):
+                channels[channel.id] = channel
+                counts[channel.id] = counts.get(channel.id, 0) + 1
+                if schema is not None:
+                    schemas[schema.id] = schema
+        topics: dict[str, Topic] = {}
+        for number, channel in channels.items():
+            kind = schemas[channel.schema_id].name if channel.schema_id in schemas else ""
+            before = topics[channel.topic].count if channel.topic in topics else 0
+            count = before + counts.get(number, 0)
+            topics[channel.topic] = Topic(channel.topic, kind, channel.message_encoding, count)
+        return list(topics.values())
+
+    def _check_ends(self) -> None:
+        begin = self._file.read(len(MAGIC))
+        if not begin:
+            raise MclError("this file is empty", path=self.path)
+        if begin != MAGIC:
+            raise MclError("not an MCAP file", "raw logs become one with: mcl convert", path=self.path)
+        self._file.seek(-len(MAGIC), 2)
+        if self._file.tell() == 0 or self._file.read() != MAGIC:
+            raise MclError("this MCAP file is cut: its end is missing", path=self.path)
+        self._file.seek(0)
+
+    @contextmanager
+    def _damage(self) -> Iterator[None]:
+        """Whatever the library stumbles over inside a file whose ends are right is damage to it."""
+        from mcap.exceptions import McapError
+        from zstandard import ZstdError
+
+        try:
+            yield
+        except (McapError, ZstdError, struct.error, KeyError, ValueError, RuntimeError, StopIteration) as error:
+            raise MclError(f"this MCAP file is damaged: {error or type(error).__name__}", path=self.path) from error

@@ -1,0 +1,203 @@
+"""Reads a log: an .mcap by the contract in ``schema``, or a ROS 2 recording that somebody else made.
+
+Three steps: raw messages (``mcap_file``), columns (``decode``), and here the Log: topics found by their types,
+the laser the right way up on the robot, ranges made uniform, odometry at the stamps of the scans.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import MclError
+from pipeline.geometry import Pose, wrap_angle
+from pipeline.logs import schema
+from pipeline.logs.columns import PoseColumns, ScanColumns
+from pipeline.logs.decode import decode_grid, decode_odometry, decode_poses, decode_scans, decode_transforms
+from pipeline.logs.mcap_file import McapFile, Messages
+from pipeline.logs.messages import Laser, Log, Trajectory
+from pipeline.logs.writer import unpack_grid
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+_PREFERRED = (schema.SCAN, schema.ODOMETRY, schema.MAP, schema.GROUND_TRUTH)
+_UPRIGHT = 0.9  # cosine of the largest tilt (26 deg) at which a laser still counts as horizontal
+
+
+def read_log(path: Path, grid: OccupancyGrid | None = None) -> Log:
+    """The scans of the file in the order of their stamps, each with the odometry at its stamp.
+
+    ``log.grid`` is ``grid`` if given, else the file's own map with all its digits, else its /map, else None.
+    Ranges follow REP 117: NaN where invalid (0, NaN, below range_min), inf where nothing came back (above
+    range_max). Odometry is the message with the scan's stamp (of several, the one with the scan's sequence
+    number), else interpolated; scans outside its span are dropped, and ``log.metadata["reader"]``
+    counts them. Raises MclError for a file that is no MCAP, is cut, or lacks scans, odometry or the
+    laser's place on the robot, and says what it has instead.
+    """
+    path = Path(path)
+    with McapFile(path) as file:
+        scan_topic = _choose(file, schema.LASER_SCAN_TYPE, "laser scans")
+        odom_topic = _choose(file, schema.ODOMETRY_TYPE, "odometry")
+        map_topic = _find(file, schema.GRID_TYPE) if grid is None else None
+        names = {scan_topic, odom_topic, schema.TF_STATIC, schema.GROUND_TRUTH}
+        messages = file.messages(names)
+        try:
+            scans, odometry = decode_scans(messages[scan_topic]), decode_odometry(messages[odom_topic])
+            laser_in_base = _laser_in_base(file, messages, scans.frame, odometry)
+            truth = _ground_truth(messages.get(schema.GROUND_TRUTH))
+            if grid is None and (cells := file.attachment(schema.MAP_CELLS)) is not None:
+                grid = unpack_grid(cells)
+            if grid is None and map_topic is not None:
+                grid = decode_grid(file.messages([map_topic])[map_topic])
+        except MclError as error:
+            raise error if error.path else MclError(error.message, error.hint, path=path) from error
+        metadata = file.metadata()
+    laser, ranges = _right_way_up(scans, laser_in_base, path)
+    order = np.argsort(scans.stamps, kind="stable")
+    stamps, sequences, ranges = scans.stamps[order], scans.sequences[order], ranges[order]
+    poses, inside = _odometry_at(stamps, sequences, odometry)
+    if not inside.any():
+        raise MclError("no scan lies within the odometry's time span", path=path)
+    metadata[schema.READER] = {
+        "scan_topic": scan_topic,
+        "odometry_topic": odom_topic,
+        "scans_outside_odometry": str(int((~inside).sum())),
+    }
+    with path.open("rb") as content:
+        digest = hashlib.file_digest(content, "sha256").hexdigest()
+    return Log(
+        name=path.stem,
+        path=path,
+        sha256=digest,
+        laser=laser,
+        stamps=stamps[inside],
+        odometry=poses[inside],
+        ranges=ranges[inside],
+        grid=grid,
+        ground_truth=truth,
+        metadata=metadata,
+    )
+
+
+def _find(file: McapFile, kind: str) -> str | None:
+    """The topic of that type that the contract names, else the one with the most messages."""
+    usable = [t for t in file.topics.values() if t.type == kind and t.encoding == schema.MESSAGE_ENCODING and t.count]
+    best = max(usable, key=lambda t: (t.name in _PREFERRED, t.count, t.name), default=None)
+    return None if best is None else best.name
+
+
+def _choose(file: McapFile, kind: str, what: str) -> str:
+    topic = _find(file, kind)
+    if topic is None:
+        raise MclError(f"no {what} ({kind}) in this file: {file.describe()}", path=file.path)
+    return topic
+
+
+def _laser_in_base(
+    file: McapFile, messages: dict[str, Messages], laser_frame: str, odometry: PoseColumns
+) -> NDArray[np.float64]:
+    """The laser in base_link as a 4x4 matrix, along /tf_static and, where that does not reach, along /tf."""
+    laser, base, odom = (f.lstrip("/") for f in (laser_frame, odometry.child_frame, odometry.frame))
+    if laser == base:
+        return np.eye(4)
+    tree = decode_transforms(messages[schema.TF_STATIC]) if schema.TF_STATIC in messages else {}
+    matrix = _along(tree, laser, base, odom)
+    if matrix is None and schema.TF in file.topics and schema.TF not in messages:
+        found = file.messages([schema.TF])
+        if schema.TF in found:
+            tree = decode_transforms(found[schema.TF]) | tree
+            matrix = _along(tree, laser, base, odom)
+    if matrix is None:
+        known = ", ".join(f"{parent} -> {child}" for child, (parent, _) in sorted(tree.items())) or "no transforms"
+        raise MclError(f"no transform from {base!r} to the laser {laser!r}: it has {known}", path=file.path)
+    return matrix
+
+
+def _along(
+    tree: dict[str, tuple[str, NDArray[np.float64]]], laser: str, base: str, odom: str
+) -> NDArray[np.float64] | None:
+    """The laser in base_link, by way of the nearest frame above both; None if there is none below odom."""
+    above_laser, above_base = _ancestors(tree, laser, odom), _ancestors(tree, base, odom)
+    for frame, matrix in above_laser.items():
+        if frame in above_base:
+            result: NDArray[np.float64] = np.linalg.inv(above_base[frame]) @ matrix
+            return result
+    return None
+
+
+def _ancestors(
+    tree: dict[str, tuple[str, NDArray[np.float64]]], frame: str, odom: str
+) -> dict[str, NDArray[np.float64]]:
+    """The frame seen from itself and every frame above it, nearest first, up to but without odom."""
+    result = {frame: np.eye(4)}
+    while frame in tree:
+        parent, matrix = tree[frame]
+        if parent in result or parent == odom:
+            break
+        result[parent] = matrix @ result[frame]
+        frame = parent
+    return result
+
+
+def _right_way_up(
+    scans: ScanColumns, laser_in_base: NDArray[np.float64], path: Path
+) -> tuple[Laser, NDArray[np.float32]]:
+    """The laser with its beams counter-clockwise as seen from above, and the cleaned ranges in that order."""
+    beams = scans.ranges.shape[1]
+    upright = float(laser_in_base[2, 2])
+    if abs(upright) < _UPRIGHT:
+        tilt = np.degrees(np.arccos(np.clip(upright, -1, 1)))
+        raise MclError(f"the laser is tilted by {tilt:.0f} degrees: not a horizontal scan", path=path)
+    if beams == 0 or scans.angle_increment == 0.0:
+        raise MclError("the scans have no beams, or no angle between them", path=path)
+    yaw = float(np.arctan2(laser_in_base[1, 0], laser_in_base[0, 0]))
+    pose: Pose = (float(laser_in_base[0, 3]), float(laser_in_base[1, 3]), yaw)
+    ranges = _clean(scans.ranges, scans.range_min, scans.range_max)
+    first, step = scans.angle_min, scans.angle_increment
+    if upright < 0:  # seen from above, an upside-down laser turns the other way round its own x axis
+        first, step = -first, -step
+    if step < 0:
+        first, step, ranges = first + (beams - 1) * step, -step, ranges[:, ::-1]
+    laser = Laser(pose, first, step, beams, scans.range_min, scans.range_max)
+    return laser, np.ascontiguousarray(ranges)
+
+
+def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> NDArray[np.float32]:
+    """REP 117: NaN where invalid, inf where nothing came back."""
+    low, high = np.float32(range_min), np.float32(range_max)
+    with np.errstate(invalid="ignore"):
+        ranges = np.where(ranges > high, np.float32(np.inf), ranges)
+        return np.where((ranges <= 0) | (ranges < low), np.float32(np.nan), ranges)
+
+
+def _odometry_at(
+    stamps: NDArray[np.int64], sequences: NDArray[np.int64], odometry: PoseColumns
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Poses (n, 3) at the scans' stamps, and which of the scans lie within the odometry's span."""
+    order = np.argsort(odometry.stamps, kind="stable")
+    times, poses, numbers = odometry.stamps[order], odometry.planar[order], odometry.sequences[order]
+    left, right = np.searchsorted(times, stamps, "left"), np.searchsorted(times, stamps, "right")
+    inside = (stamps >= times[0]) & (stamps <= times[-1])
+    before, after = np.clip(right - 1, 0, None), np.clip(right, None, len(times) - 1)
+    exact = right > left
+    share = (stamps - times[before]) / np.maximum(times[after] - times[before], 1)
+    share[exact] = 0.0
+    for i in np.flatnonzero(right - left > 1):
+        same = np.flatnonzero(numbers[left[i] : right[i]] == sequences[i])
+        if len(same):
+            before[i] = left[i] + same[0]
+    step = poses[after] - poses[before]
+    step[:, 2] = wrap_angle(step[:, 2])
+    result = poses[before] + share[:, None] * step
+    result[~exact, 2] = wrap_angle(result[~exact, 2])
+    return result, inside
+
+
+def _ground_truth(messages: Messages | None) -> Trajectory | None:
+    if messages is None or messages.topic.type != schema.POSE_TYPE:
+        return None
+    poses = decode_poses(messages)
+    order = np.argsort(poses.stamps, kind="stable")
+    return Trajectory(poses.stamps[order], poses.planar[order], poses.frame)

@@ -1,0 +1,80 @@
+"""The contract of a log's .mcap: topics, types, frames, quality of service, and the names of what travels beside them.
+
+One file per log, ROS 2 profile, ``ros2msg`` schemas, ``cdr`` messages, zstd chunks, with summary and statistics.
+Every message's log and publish time is its header's stamp; its ``sequence`` is the line (or message) number of
+the source, so that a scan finds the odometry that belongs to it.
+
+==============  ============================  =================================================================
+topic           type                          what it says
+==============  ============================  =================================================================
+/scan           sensor_msgs/LaserScan         ranges in metres, as measured, in the frame ``laser``
+/odom           nav_msgs/Odometry             base_link in ``odom``; also one for every scan, at its stamp
+/tf             tf2_msgs/TFMessage            the same as transforms
+/tf_static      tf2_msgs/TFMessage            base_link -> laser (latched)
+/map            nav_msgs/OccupancyGrid        the map, in steps of 1 % (latched)
+/laser_pose     geometry_msgs/PoseStamped     the laser in ``odom``, where the source says it of its own
+/ground_truth   geometry_msgs/PoseStamped     base_link in ``map``, where known
+==============  ============================  =================================================================
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+PROFILE: Final = "ros2"
+MESSAGE_ENCODING: Final = "cdr"
+SCHEMA_ENCODING: Final = "ros2msg"
+
+SCAN: Final = "/scan"
+ODOMETRY: Final = "/odom"
+TF: Final = "/tf"
+TF_STATIC: Final = "/tf_static"
+MAP: Final = "/map"
+LASER_POSE: Final = "/laser_pose"
+GROUND_TRUTH: Final = "/ground_truth"
+
+LASER_SCAN_TYPE: Final = "sensor_msgs/msg/LaserScan"
+ODOMETRY_TYPE: Final = "nav_msgs/msg/Odometry"
+TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
+GRID_TYPE: Final = "nav_msgs/msg/OccupancyGrid"
+POSE_TYPE: Final = "geometry_msgs/msg/PoseStamped"
+
+TYPES: Final = {
+    SCAN: LASER_SCAN_TYPE,
+    ODOMETRY: ODOMETRY_TYPE,
+    TF: TF_TYPE,
+    TF_STATIC: TF_TYPE,
+    MAP: GRID_TYPE,
+    LASER_POSE: POSE_TYPE,
+    GROUND_TRUTH: POSE_TYPE,
+}
+LATCHED: Final = frozenset({MAP, TF_STATIC})
+
+MAP_FRAME: Final = "map"
+ODOM_FRAME: Final = "odom"
+BASE_FRAME: Final = "base_link"
+LASER_FRAME: Final = "laser"
+
+# Metadata records (name -> {key: text}).
+SOURCE: Final = "mcl:source"  # format, files, checksums, converter, counts, laser offset, what was left out
+SEGMENTS: Final = "mcl:segments"  # how stamps and odometry of the source were re-expressed: JSON per stretch
+MAP_SOURCE: Final = "mcl:map"  # format, file and checksum of the map, and its header where it has one
+READER: Final = "reader"  # not in the file: what the reader chose and left out, in Log.metadata
+
+# Attachments.
+MAP_CELLS: Final = "map.npz"  # occupancy (height, width) float32, resolution, origin: all that /map rounds away
+
+
+def qos_profile(topic: str) -> str:
+    """The text of ``offered_qos_profiles``: reliable, and kept for late subscribers where the topic is latched.
+
+    The integer form is the one that both old and new distributions of ROS 2 understand.
+    """
+    depth, durability = (1, 1) if topic in LATCHED else (10, 2)
+    forever = "\n    sec: 9223372036\n    nsec: 854775807"
+    return (
+        f"- history: 1\n  depth: {depth}\n  reliability: 1\n  durability: {durability}\n"
+        f"  deadline:{forever}\n  lifespan:{forever}\n"
+        f"  liveliness: 1\n  liveliness_lease_duration:{forever}\n"
+        "  avoid_ros_namespace_conventions: false"
+    )

@@ -1,0 +1,205 @@
+"""Writes a log as one .mcap by the contract in ``schema``: complete under its name, or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline import __version__
+from pipeline.errors import MclError
+from pipeline.geometry import Pose, yaw_to_quaternion
+from pipeline.logs import cdr, schema
+from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.messages import Trajectory
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+
+def write_log(
+    path: Path,
+    scans: ScanColumns,
+    odometry: PoseColumns,
+    laser_pose: Pose,
+    *,
+    grid: OccupancyGrid | None = None,
+    ground_truth: Trajectory | None = None,
+    laser_poses: PoseColumns | None = None,
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+    attachments: Mapping[str, bytes] | None = None,
+) -> None:
+    """Writes scans, odometry (once more as /tf), the laser's pose in base_link, and what else is known.
+
+    Stamps must not be negative. The file appears under its name when it is complete; a file that was
+    there before survives a failure. Raises MclError if it cannot be written.
+    """
+    start = int(min(scans.stamps.min(), odometry.stamps.min()))
+    topics = {
+        schema.MAP: _map_message(grid, start),
+        schema.TF_STATIC: _static_message(scans.frame, odometry.child_frame, laser_pose, start),
+        schema.ODOMETRY: _odometry_messages(odometry),
+        schema.TF: _transform_messages(odometry),
+        schema.SCAN: _scan_messages(scans),
+        schema.LASER_POSE: _pose_messages(laser_poses),
+        schema.GROUND_TRUTH: _pose_messages(_truth_columns(ground_truth)),
+    }
+    files = dict(attachments or {})
+    if grid is not None:
+        files[schema.MAP_CELLS] = pack_grid(grid)
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        _write(file, topics, metadata or {}, files, start)
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A temporary name beside ``path`` to write to: renamed to it if all goes well, removed if not."""
+    path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        temporary.replace(path)
+    except OSError as error:
+        raise MclError(f"cannot be written: {error.strerror or error}", path=path) from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def pack_grid(grid: OccupancyGrid) -> bytes:
+    """The map with all its digits, as the attachment that ``unpack_grid`` reads."""
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        occupancy=grid.occupancy.astype(np.float32),
+        resolution=np.float64(grid.resolution),
+        origin=np.array(grid.origin, dtype=np.float64),
+    )
+    return buffer.getvalue()
+
+
+def unpack_grid(data: bytes) -> OccupancyGrid:
+    """The map from the attachment that ``pack_grid`` made."""
+    with np.load(io.BytesIO(data)) as cells:
+        x, y, yaw = cells["origin"].tolist()
+        return OccupancyGrid(cells["occupancy"], float(cells["resolution"]), (x, y, yaw))
+
+
+Messages = tuple[NDArray[np.int64], NDArray[np.int64], list[bytes]]  # stamps, sequences, data
+
+
+def _write(
+    file: io.BufferedWriter,
+    topics: Mapping[str, Messages | None],
+    metadata: Mapping[str, Mapping[str, str]],
+    attachments: Mapping[str, bytes],
+    start: int,
+) -> None:
+    from mcap.writer import CompressionType, Writer
+
+    writer = Writer(file, compression=CompressionType.ZSTD)
+    writer.start(profile=schema.PROFILE, library=f"mcl-replay/{__version__}")
+    entries: list[tuple[int, int, int, bytes]] = []
+    schemas: dict[str, int] = {}
+    for topic, messages in topics.items():
+        if messages is None:
+            continue
+        kind = schema.TYPES[topic]
+        if kind not in schemas:
+            schemas[kind] = writer.register_schema(kind, schema.SCHEMA_ENCODING, _definition(kind))
+        qos = {"offered_qos_profiles": schema.qos_profile(topic)}
+        channel = writer.register_channel(topic, schema.MESSAGE_ENCODING, schemas[kind], qos)
+        stamps, sequences, data = messages
+        entries += zip(stamps.tolist(), sequences.tolist(), [channel] * len(data), data, strict=True)
+    for stamp, sequence, channel, message in sorted(entries, key=lambda entry: entry[:3]):
+        writer.add_message(channel, log_time=stamp, publish_time=stamp, sequence=sequence, data=message)
+    for name, record in metadata.items():
+        writer.add_metadata(name, dict(record))
+    for name, content in attachments.items():
+        media = "application/octet-stream"
+        writer.add_attachment(create_time=0, log_time=start, name=name, media_type=media, data=content)
+    writer.finish()
+
+
+def _definition(kind: str) -> bytes:
+    from rosbags.typesys import Stores, get_typestore
+
+    definition: str = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(kind, ros_version=2)[0]
+    return definition.encode()
+
+
+def _odometry_messages(odometry: PoseColumns) -> Messages:
+    rows = cdr.blank(len(odometry), cdr.ODOMETRY, frame_id=odometry.frame, child_frame_id=odometry.child_frame)
+    return _filled(rows, odometry)
+
+
+def _transform_messages(odometry: PoseColumns) -> Messages:
+    rows = cdr.blank(len(odometry), cdr.ONE_TRANSFORM, frame_id=odometry.frame, child_frame_id=odometry.child_frame)
+    rows["transforms"] = 1
+    return _filled(rows, odometry)
+
+
+def _static_message(frame: str, base: str, pose: Pose, stamp: int) -> Messages:
+    rows = cdr.blank(1, cdr.ONE_TRANSFORM, frame_id=base, child_frame_id=frame)
+    rows["transforms"] = 1
+    return _filled(rows, planar_poses(np.array([stamp]), np.zeros(1, np.int64), np.array([pose]), base, frame))
+
+
+def _pose_messages(poses: PoseColumns | None) -> Messages | None:
+    if poses is None:
+        return None
+    return _filled(cdr.blank(len(poses), cdr.POSE_STAMPED, frame_id=poses.frame), poses)
+
+
+def _filled(rows: cdr.Rows, poses: PoseColumns) -> Messages:
+    cdr.set_stamps(rows, poses.stamps)
+    rows["position"], rows["orientation"] = poses.positions, poses.orientations
+    return poses.stamps, poses.sequences, cdr.pack(rows)
+
+
+def _scan_messages(scans: ScanColumns) -> Messages:
+    beams = scans.ranges.shape[1]
+    rows = cdr.blank(len(scans), cdr.LASER_SCAN, {"ranges": beams}, frame_id=scans.frame)
+    cdr.set_stamps(rows, scans.stamps)
+    values: Iterable[tuple[str, Any]] = (
+        ("angle_min", scans.angle_min),
+        ("angle_max", scans.angle_min + scans.angle_increment * (beams - 1)),
+        ("angle_increment", scans.angle_increment),
+        ("range_min", scans.range_min),
+        ("range_max", scans.range_max),
+        ("ranges", scans.ranges),
+    )
+    for name, value in values:
+        rows[name] = value
+    return scans.stamps, scans.sequences, cdr.pack(rows)
+
+
+def _map_message(grid: OccupancyGrid | None, stamp: int) -> Messages | None:
+    if grid is None:
+        return None
+    rows = cdr.blank(1, cdr.OCCUPANCY_GRID, {"data": grid.occupancy.size}, frame_id=schema.MAP_FRAME)
+    cdr.set_stamps(rows, np.array([stamp]))
+    x, y, yaw = grid.origin
+    percent = np.where(grid.known, np.round(grid.occupancy * 100.0), -1.0)
+    values: Iterable[tuple[str, Any]] = (
+        ("resolution", grid.resolution),
+        ("width", grid.width),
+        ("height", grid.height),
+        ("position", (x, y, 0.0)),
+        ("orientation", yaw_to_quaternion(yaw)),
+        ("data", percent.astype(np.int8).reshape(-1)),
+    )
+    for name, value in values:
+        rows[name] = value
+    return np.array([stamp]), np.zeros(1, np.int64), cdr.pack(rows)
+
+
+def _truth_columns(truth: Trajectory | None) -> PoseColumns | None:
+    if truth is None:
+        return None
+    return planar_poses(truth.stamps, np.arange(len(truth.stamps)), truth.poses, truth.frame)

@@ -1,0 +1,140 @@
+"""Maps as ROS keeps them: a YAML file and an image, read by the same rules as nav2's map_server.
+
+A pixel's darkness is its occupancy (its lightness if ``negate``). *trinary* tells occupied, free and unknown apart
+by two thresholds, *scale* stretches what lies between them over 0 to 100 %, *raw* takes grey levels 0 to 100 as percent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import MclError
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+MODES = ("trinary", "scale", "raw")
+OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # 0.196: an unknown pixel (205) is not below it, as it is with 0.25
+_FREE, _OCCUPIED, _UNKNOWN = 254, 0, 205
+
+
+def load_map(path: Path) -> OccupancyGrid:
+    """The map that a map_server YAML and the image beside it describe.
+
+    Occupancy is 1, 0 or NaN (trinary), or keeps its percent (scale, raw). Raises MclError if a
+    file is missing or unreadable, or a key is missing or not what map_server expects.
+    """
+    path = Path(path)
+    values = _read_yaml(path)
+    resolution = _number(values, "resolution", path)
+    if resolution <= 0:
+        raise MclError("resolution must be positive, metres per pixel", path=path)
+    origin = values.get("origin")
+    if not (isinstance(origin, list) and len(origin) == 3 and all(map(_is_number, origin))):
+        raise MclError(f"origin must be three numbers [x, y, yaw], not {origin!r}", path=path)
+    occupied, free = _number(values, "occupied_thresh", path), _number(values, "free_thresh", path)
+    mode = str(values.get("mode", "trinary")).lower()
+    if mode not in MODES:
+        raise MclError(f"unknown mode {mode!r}, expected one of {', '.join(MODES)}", path=path)
+    negate = values.get("negate")
+    if not isinstance(negate, int):
+        raise MclError(f"negate must be 0 or 1, not {negate!r}", path=path)
+    name = values.get("image")
+    if not isinstance(name, str) or not name:
+        raise MclError("no image is named in this file", "expected a key: image: map.pgm", path=path)
+
+    colours, alpha = _read_image(path.parent / name)
+    shade = colours.mean(axis=2)
+    if mode == "trinary" and alpha is not None:
+        shade = np.concatenate([colours, alpha[..., None]], axis=2).mean(axis=2)  # so map_server does it
+    occupancy = shade if negate else 1.0 - shade
+    cells = np.full(shade.shape, np.nan)
+    if mode == "raw":
+        level = np.round(shade * 255.0)
+        cells[level <= 100.0] = level[level <= 100.0] / 100.0
+    else:
+        if mode == "scale":
+            cells = np.rint((occupancy - free) / (occupied - free) * 100.0) / 100.0
+        cells[occupancy < free] = 0.0
+        cells[occupancy > occupied] = 1.0
+        if mode == "scale" and alpha is not None:
+            cells[alpha < 1.0] = np.nan
+    x, y, yaw = map(float, origin)
+    return OccupancyGrid(np.ascontiguousarray(cells[::-1]).astype(np.float32), resolution, (x, y, yaw))
+
+
+def save_map(grid: OccupancyGrid, path: Path) -> None:
+    """Writes the YAML ``path`` and a PGM beside it, trinary: more than 0.65 is occupied, less than 0.196 free."""
+    from PIL import Image
+    from ruamel.yaml import YAML
+
+    path = Path(path)
+    pixels = np.full(grid.occupancy.shape, _UNKNOWN, dtype=np.uint8)
+    pixels[grid.occupancy < FREE_THRESHOLD] = _FREE
+    pixels[grid.occupancy > OCCUPIED_THRESHOLD] = _OCCUPIED
+    image = path.with_suffix(".pgm")
+    Image.fromarray(pixels[::-1]).save(image)
+    values = {
+        "image": image.name,
+        "mode": "trinary",
+        "resolution": float(grid.resolution),
+        "origin": [float(value) for value in grid.origin],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESHOLD,
+        "free_thresh": FREE_THRESHOLD,
+    }
+    yaml = YAML()
+    yaml.default_flow_style = None
+    with path.open("w", encoding="utf-8") as file:
+        yaml.dump(values, file)
+
+
+def _read_image(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Red, green, blue (height, width, 3) in [0, 1], top row first; opacity (height, width) where there is any."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(path) as image:
+            if image.mode.startswith("I"):  # 16 bits of grey
+                grey = np.asarray(image, dtype=np.float64) / 65535.0
+                return np.repeat(grey[..., None], 3, axis=2), None
+            has_alpha = image.has_transparency_data
+            pixels = np.asarray(image.convert("RGBA"), dtype=np.float64) / 255.0
+    except FileNotFoundError as error:
+        raise MclError("no such image", "the YAML's key image names it", path=path) from error
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
+        raise MclError(f"cannot be read as an image: {error}", path=path) from error
+    return pixels[..., :3], pixels[..., 3] if has_alpha else None
+
+
+def _read_yaml(path: Path) -> Mapping[str, Any]:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+
+    try:
+        values = YAML(typ="safe").load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise MclError("no such map", path=path) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise MclError("cannot be read as a map_server YAML file", path=path) from error
+    except YAMLError as error:
+        mark = error.problem_mark if isinstance(error, MarkedYAMLError) else None
+        line = mark.line + 1 if mark is not None else None
+        raise MclError("not a map: neither a beesoft map nor YAML", path=path, line=line) from error
+    if not isinstance(values, Mapping):
+        raise MclError("not a map: neither a beesoft map nor a map_server YAML", path=path)
+    return values
+
+
+def _number(values: Mapping[str, Any], key: str, path: Path) -> float:
+    value: Any = values.get(key)
+    if not _is_number(value):
+        raise MclError(f"{key} is missing" if value is None else f"{key} must be a number, not {value!r}", path=path)
+    return float(value)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
