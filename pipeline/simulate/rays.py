@@ -19,7 +19,7 @@ def segment_hits(origin: Array, directions: Array, segments: Array) -> Array:
     edge = segments[:, 2:] - segments[:, :2]
     to_start = segments[:, :2] - np.atleast_2d(origin)[:, None, :]
     across = _cross(directions[:, None, :], edge)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         distance = _cross(to_start, edge) / across
         along = _cross(to_start, directions[:, None, :]) / across
     met = (np.abs(across) > EPSILON) & (distance > 0.0) & (along >= -EPSILON) & (along <= 1.0 + EPSILON)
