@@ -14,7 +14,7 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording import entities, palette
 
 MARGIN = 1.05  # of the known area, left free around it
-ASPECT = 1.15  # of the map view in the layout below
+ASPECT = 1.6  # of the map view in the layout below
 FIELD_OF_VIEW = np.deg2rad(55.0)  # of the viewer's 3D camera, measured vertically
 FLAT_PIXELS = 1000.0  # along the longer side of the flat view
 FLAT_HEIGHT = 40.0  # metres; from much higher, points are drawn with the noise of float32
@@ -57,7 +57,7 @@ def known_area(grid: OccupancyGrid) -> Area:
     return Area((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
 
 
-def blueprint(grid: OccupancyGrid, *, with_truth: bool) -> rrb.Blueprint:
+def blueprint(grid: OccupancyGrid) -> rrb.Blueprint:
     """The layout for a run on this map."""
     beside = [
         rrb.BarChartView(
@@ -68,7 +68,6 @@ def blueprint(grid: OccupancyGrid, *, with_truth: bool) -> rrb.Blueprint:
         _curves("Effective sample size and particles", entities.ESS, entities.PARTICLE_COUNT),
         _curves("Likelihood per beam and share explained", entities.LIKELIHOOD, entities.EXPLAINED),
         _curves("Spread of the particles, m", entities.SPREAD),
-        rrb.TextLogView(origin=entities.EVENTS, name="Events"),
     ]
     documents = [
         rrb.TextDocumentView(origin=entities.EXPLANATION, name="What you see"),
@@ -81,10 +80,15 @@ def blueprint(grid: OccupancyGrid, *, with_truth: bool) -> rrb.Blueprint:
             name="Sensor model",
         ),
     ]
+    events = rrb.TextLogView(
+        origin=entities.EVENTS,
+        name="Events",
+        columns=rrb.TextLogColumns(timeline_columns=[entities.SCAN], text_log_columns=["loglevel", "body"]),
+    )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Tabs(*_maps(known_area(grid)), *documents, active_tab=0),
-            rrb.Vertical(*beside, row_shares=[3, 2, 2, 2, 2]),
+            rrb.Vertical(rrb.Tabs(*_maps(known_area(grid)), *documents, active_tab=0), events, row_shares=[5, 1]),
+            rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]),
             column_shares=[5, 2],
         ),
         rrb.BlueprintPanel(state="collapsed"),
@@ -108,14 +112,14 @@ def _maps(area: Area) -> list[rrb.View]:
             name="Map",
             eye_controls=looking_down,
             line_grid=False,
-            background=palette.BACKGROUND,
+            background=palette.UNKNOWN,
             **shared,
         ),
         rrb.Spatial2DView(
             origin=entities.CAMERA,
             name="Map, flat",
             visual_bounds=rrb.VisualBounds2D(x_range=[0.0, width], y_range=[0.0, height]),
-            background=palette.BACKGROUND,
+            background=palette.UNKNOWN,
             **shared,
         ),
     ]

@@ -99,9 +99,10 @@ def _particles(frames: Sequence[Frame]) -> list[Any]:
     particles = np.concatenate([f.particles for f in frames])
     levels = np.concatenate([f.levels for f in frames])
     degrees = np.round(np.rad2deg(particles[:, 2])).astype(np.int64) % 360
-    # Their order means nothing, so take the one that compresses best: equal headings and colours side by side.
+    # Their order means nothing to the filter. Equal colours and headings side by side halve the file, and
+    # of points at one height the last is drawn on top: the heaviest.
     rows = np.repeat(np.arange(len(frames)), lengths)
-    order = np.argsort((rows * 360 + degrees) * len(palette.WEIGHT_COLOURS) + levels)
+    order = np.argsort((rows * len(palette.WEIGHT_COLOURS) + levels) * 360 + degrees)
     positions = _lift(particles[order, :2], 0.02)
     return [
         *rr.Points3D.columns(positions=positions, colors=_WEIGHT_RGBA[levels[order]]).partition(lengths),

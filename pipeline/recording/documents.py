@@ -16,14 +16,14 @@ The robot moves, the particles move with it; the laser measures, and what does n
 
 | drawn as | means |
 |---|---|
-| dots, yellow to dark violet | particles; the darker, the heavier: from a hundredth of the mean weight to a hundred times |
+| dots, yellow to dark violet | particles; the darker, the heavier: 1/100 to 100 times the mean weight |
 | magenta ring and arrow | the estimate: the mean of the heaviest hypothesis |
 | magenta ellipse | its position, 2 sigma |
 | magenta line | where the estimate has been so far; not joined across jumps |
 | blue lines | the beams as measured, laid out from the estimate |
-| orange dots | where the map says that these beams should end; off the blue ends: the estimate is wrong, or somebody stands there |
+| orange dots | where these beams should end; if elsewhere, the estimate is wrong or somebody is in the way |
 | grey stubs | beams without return |
-| grey ellipses with a share | other hypotheses, with their part of the weight |
+| pink ellipses with a share | other hypotheses, with their part of the weight |
 | green ring, arrow and line | the truth, where the log knows it |
 
 Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the

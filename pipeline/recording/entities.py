@@ -33,8 +33,9 @@ TRUTH_HEADING = "/world/truth/heading"
 TRUTH_PATH = "/world/truth_path"
 CAMERA = "/world/camera"  # looks straight down; the flat view is its picture
 
-WEIGHTS = "/weights/particles"
-WEIGHT_SHARE = "/weights/weight"
+# The viewer writes these two names into the legend.
+WEIGHTS = "/weights/percent_of_particles"
+WEIGHT_SHARE = "/weights/percent_of_weight"
 DENSITY = "/sensor_model/density"
 DENSITY_NOTE = "/sensor_model/note"
 

@@ -15,13 +15,14 @@ EXPECTED: Colour = (230, 120, 0)
 NO_RETURN: Colour = (150, 150, 150)
 ESTIMATE: Colour = (204, 0, 110)
 TRUTH: Colour = (0, 140, 100)
+HYPOTHESIS: Colour = (240, 110, 180)
 NEUTRAL: Colour = (130, 130, 130)
-BACKGROUND: Colour = (205, 205, 205)
+UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
-# Weight relative to the mean weight, log10: the ends of the colour scale and of the histogram's axis.
+# Weight relative to the mean weight, log10: the ends of the colour scale, and of the histogram's axis.
 COLOUR_RANGE = (-2.0, 2.0)
-HISTOGRAM_RANGE = (-4.0, 4.0)
-HISTOGRAM_BINS = 40
+HISTOGRAM_RANGE = (-10.0, 6.0)
+HISTOGRAM_BINS = 64
 
 # viridis at 16 equal steps, light to dark: the heavier a particle, the darker on the map's white floor.
 WEIGHT_COLOURS: NDArray[np.uint8] = np.array(

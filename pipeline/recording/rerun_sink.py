@@ -41,7 +41,9 @@ class RerunSink:
     Raises MclError for a log without a map, or where the file cannot be written.
     """
 
-    def __init__(self, path: Path | str, *, log: Log, config: Config, seed: int, density: Density | None = None) -> None:
+    def __init__(
+        self, path: Path | str, *, log: Log, config: Config, seed: int, density: Density | None = None
+    ) -> None:
         if log.grid is None:
             raise MclError("the log holds no map, and a recording is drawn on one", path=log.path)
         self.path = Path(path)
@@ -61,13 +63,14 @@ class RerunSink:
         self._stream.set_log_time_enabled(False)
         self._started = time.time()
         try:
-            self._stream.save(self.path, default_blueprint=blueprint(log.grid, with_truth=log.ground_truth is not None))
+            self._stream.save(self.path, default_blueprint=blueprint(log.grid))
         except Exception as error:
             raise MclError(f"cannot write the recording: {error}", path=self.path) from error
         self._log_map(log.grid)
         self._log_styles()
         self._log_documents(density)
         self._log_truth()
+        self._stream.flush()  # what a killed run leaves shall say which run it was
 
     def __enter__(self) -> Self:
         return self
@@ -149,7 +152,8 @@ class RerunSink:
         self._stream.send_property(name, rr.AnyValues(**values))
 
     def _log_map(self, grid: OccupancyGrid) -> None:
-        cells = np.where(grid.known, np.round(np.nan_to_num(grid.occupancy) * 100), -1).astype(np.int8)
+        shade = np.round(255 * (1 - np.nan_to_num(grid.occupancy)))
+        cells = np.where(grid.known, shade, palette.UNKNOWN[0]).astype(np.uint8)
         picture = rr.components.ImageFormat(
             width=grid.width, height=grid.height, color_model="L", channel_datatype="U8"
         )
@@ -163,7 +167,7 @@ class RerunSink:
                 cell_size=grid.resolution,
                 translation=[x, y, 0.0],
                 quaternion=rr.Quaternion(xyzw=yaw_to_quaternion(yaw)),
-                colormap=rr.components.Colormap.RvizMap,
+                colormap=rr.components.Colormap.Grayscale,
             ),
         )
         area = known_area(grid)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,5 +39,5 @@ def weight_bars(log_weights: NDArray[np.float64]) -> tuple[NDArray[np.float32], 
     return _rounded(particles), _rounded(weight)
 
 
-def _rounded(percent: NDArray[np.float64]) -> NDArray[np.float32]:
+def _rounded(percent: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
     return (np.round(percent * 16) / 16).astype(np.float32)

@@ -21,13 +21,15 @@ def styles() -> dict[str, list[Any]]:
         entities.NO_RETURN: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.NO_RETURN)],
         entities.EXPECTED: [rr.Points3D.from_fields(radii=_dot, colors=palette.EXPECTED)],
         entities.COVARIANCE: [rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.ESTIMATE)],
-        entities.HYPOTHESES: [rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.NEUTRAL, show_labels=True)],
+        entities.HYPOTHESES: [
+            rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.HYPOTHESIS, show_labels=True)
+        ],
         entities.PATH: [rr.LineStrips3D.from_fields(radii=_thick, colors=palette.ESTIMATE)],
         entities.TRUTH_PATH: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.TRUTH)],
         **_robot(entities.ESTIMATE_BODY, entities.ESTIMATE_HEADING, palette.ESTIMATE),
         **_robot(entities.TRUTH_BODY, entities.TRUTH_HEADING, palette.TRUTH),
-        entities.WEIGHTS: [_bars(palette.NEUTRAL)],
-        entities.WEIGHT_SHARE: [_bars(palette.ESTIMATE)],
+        entities.WEIGHTS: [_bars(palette.NEUTRAL, -1.0)],
+        entities.WEIGHT_SHARE: [_bars(palette.ESTIMATE, 1.0)],
         entities.ESS: [_curve("effective sample size", palette.EXPECTED)],
         entities.PARTICLE_COUNT: [_curve("particles", palette.NEUTRAL)],
         entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.MEASURED)],
@@ -49,9 +51,12 @@ def _curve(name: str, colour: palette.Colour) -> Any:
     return rr.SeriesLines(colors=colour, names=name, widths=1.5)
 
 
-def _bars(colour: palette.Colour) -> list[Any]:
+def _bars(colour: palette.Colour, side: float) -> list[Any]:
+    # Two histograms share a view: their bars stand side by side in each bin, side = -1 and 1.
     low, high = palette.HISTOGRAM_RANGE
-    edges = np.linspace(low, high, palette.HISTOGRAM_BINS + 1, dtype=np.float32)
-    chart = rr.BarChart(edges[1:], abscissa=(edges[:-1] + edges[1:]) / 2, color=colour)
+    width = (high - low) / palette.HISTOGRAM_BINS
+    centres = (low + width * (np.arange(palette.HISTOGRAM_BINS) + 0.5 + side / 4)).astype(np.float32)
+    widths = np.full(palette.HISTOGRAM_BINS, width / 2, np.float32)
+    chart = rr.BarChart(centres, abscissa=centres, widths=widths, color=colour)
     # The heights come with the scans. (`BarChart.from_fields` insists on them.)
     return [b for b in chart.as_component_batches() if b.component_descriptor() != rr.BarChart.descriptor_values()]

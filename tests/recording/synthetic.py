@@ -12,7 +12,7 @@ from pipeline.geometry import Pose, compose, wrap_angle
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
-LASER = Laser(pose=(0.25, 0.0, 0.0), angle_min=-np.pi / 2, angle_increment=np.pi / 180, beams=180, range_min=0.0, range_max=20.0)  # fmt: skip
+LASER = Laser((0.25, 0.0, 0.0), -np.pi / 2, np.pi / 180, beams=180, range_min=0.0, range_max=20.0)
 
 
 def building(origin: Pose = (0.0, 0.0, 0.0)) -> OccupancyGrid:
@@ -32,7 +32,9 @@ def building(origin: Pose = (0.0, 0.0, 0.0)) -> OccupancyGrid:
     return OccupancyGrid(cells, 0.1, origin)
 
 
-def drive(scans: int, *, origin: Pose = (0.0, 0.0, 0.0), truth: bool = True, start: int = 1_600_000_000_123_456_789) -> Log:
+def drive(
+    scans: int, *, origin: Pose = (0.0, 0.0, 0.0), truth: bool = True, start: int = 1_600_000_000_123_456_789
+) -> Log:
     """Along the corridor and back, a scan every 0.2 s; stamps are epoch nanoseconds, which float64 cannot hold."""
     grid = building(origin)
     phase = np.linspace(0, 2 * np.pi, scans, endpoint=False)
@@ -44,7 +46,7 @@ def drive(scans: int, *, origin: Pose = (0.0, 0.0, 0.0), truth: bool = True, sta
     rng = np.random.default_rng(0)
     ranges = rng.uniform(0.5, 6.0, (scans, LASER.beams)).astype(np.float32)
     known = Trajectory(stamps, poses) if truth else None
-    odometry = poses + [3.0, -2.0, 0.0]
+    odometry = poses + np.array([3.0, -2.0, 0.0])
     return Log("synthetic", Path("synthetic.mcap"), "0" * 64, LASER, stamps, odometry, ranges, grid, known)
 
 
