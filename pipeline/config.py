@@ -50,7 +50,9 @@ class Config(BaseModel):
     # --- which beams are used ----------------------------------------------------------------------------
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
     beam_step: int | None = Field(None, ge=1, description="Use every n-th beam instead of max_beams.")
-    laser_max_range: Positive | None = Field(None, description="Longest range that counts, m; the scan's own if not given.")
+    laser_max_range: Positive | None = Field(
+        None, description="Longest range that counts, m; the scan's own if not given."
+    )
     no_return_fraction: Fraction = Field(
         1.0, description="Readings at or above this share of the maximum range count as 'no return'."
     )
@@ -75,13 +77,17 @@ class Config(BaseModel):
     )
 
     # --- resampling ---------------------------------------------------------------------------------------------
-    resampler: Literal["low_variance", "multinomial"] = Field("low_variance", description="Table 4.4, or independent draws.")
+    resampler: Literal["low_variance", "multinomial"] = Field(
+        "low_variance", description="Table 4.4, or independent draws."
+    )
     resample_ess: Fraction = Field(0.5, description="Resample when the effective sample size falls below this share.")
     update_min_d: NonNegative = Field(0.01, description="The robot stands still below this travel, m: no update then.")
     update_min_a: NonNegative = Field(0.01, description="... and below this turn, rad.")
 
     # --- the recording --------------------------------------------------------------------------------------------
-    record_particles: int = Field(2000, ge=0, description="At most so many particles are recorded per scan, drawn fairly.")
+    record_particles: int = Field(
+        2000, ge=0, description="At most so many particles are recorded per scan, drawn fairly."
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:

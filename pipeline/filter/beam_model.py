@@ -1,0 +1,76 @@
+"""The beam model of a range finder (Probabilistic Robotics, Section 6.3 and Table 6.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+from pipeline.config import Config
+from pipeline.maps.range_table import RangeCodes
+
+MEASURED_BINS = 4096
+"""Measured ranges are told apart to max_range / 4096: 2 cm for a laser that sees 82 m."""
+
+
+def mixture_density(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: float) -> NDArray[np.float64]:
+    """p(z | z*) per metre: hit, short, and random readings (Equations 6.4 to 6.12); not for readings without return.
+
+    ``z`` measured and ``z_star`` true ranges in metres, broadcast; z* = inf where the map ends no ray: then only short
+    and random readings are possible. The weights are taken as they are; they need not add up to one.
+    """
+    z, z_star = np.broadcast_arrays(np.asarray(z, float), np.asarray(z_star, float))
+    finite = np.isfinite(z_star)
+    star = np.where(finite, z_star, max_range)
+    sigma, rate = config.sigma_hit, config.lambda_short
+    # The share of the Gaussian that lies within [0, max_range]: the book's normalizer of p_hit.
+    inside = ndtr((max_range - star) / sigma) - ndtr(-star / sigma)
+    gauss = np.exp(-0.5 * ((z - star) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
+    p_hit = np.where(finite, gauss / np.maximum(inside, 1e-9), 0.0)
+    p_short = np.where(z <= star, rate * np.exp(-rate * z) / np.maximum(-np.expm1(-rate * star), 1e-9), 0.0)
+    p_rand = 1.0 / max_range
+    return config.z_hit * p_hit + config.z_short * p_short + config.z_rand * p_rand
+
+
+def no_return_mass(z_star: ArrayLike, config: Config) -> NDArray[np.float64]:
+    """Probability of a reading without return: z_max, and z_hit as well where the map ends no ray."""
+    z_star = np.asarray(z_star, float)
+    return config.z_max + np.where(np.isfinite(z_star), 0.0, config.z_hit)
+
+
+class BeamModel:
+    """log p(z | z*) for every pair of a measured range and a code of the true one, ready to be looked up."""
+
+    def __init__(self, config: Config, codes: RangeCodes, max_range: float) -> None:
+        self.config = config
+        self.codes = codes
+        self.max_range = max_range
+        self.no_return = config.no_return_fraction * max_range
+        centres = (np.arange(MEASURED_BINS) + 0.5) * max_range / MEASURED_BINS
+        with np.errstate(divide="ignore"):
+            density = np.log(mixture_density(centres[:, None], codes.ranges[None, :], config, max_range))
+            missing = np.log(no_return_mass(codes.ranges, config))
+        nothing = np.zeros(256)  # an invalid reading says nothing about any pose
+        table = np.maximum(np.vstack([density, missing, nothing]), -100.0)
+        self._log_likelihood = table.astype(np.float32)
+        # A pose inside a wall explains nothing: every beam is random (Table 6.1 with z_rand alone).
+        self._unexplained = float(np.log(max(config.z_rand, 1e-6) / max_range))
+
+    def correct(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Ranges as the model sees them: the bias taken off, beyond the threshold 'no return' (inf), NaN kept."""
+        seen = ranges - np.float32(self.config.range_bias)
+        seen = np.where(ranges >= self.no_return, np.float32(np.inf), np.maximum(seen, np.float32(0.0)))
+        return seen.astype(np.float32)
+
+    def scan_rows(self, corrected: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(k, 256) float32: the log-likelihood of each beam of a scan for every code of z*."""
+        valid = np.isfinite(corrected)
+        bins = np.where(valid, corrected, 0.0) * (MEASURED_BINS / self.max_range)
+        index = np.minimum(bins.astype(np.int64), MEASURED_BINS - 1)
+        index[np.isinf(corrected)] = MEASURED_BINS
+        index[np.isnan(corrected)] = MEASURED_BINS + 1
+        return self._log_likelihood[index]
+
+    def outside(self, corrected: NDArray[np.float32]) -> float:
+        """Log-likelihood of a pose in a wall or off the map: every valid beam is unexplained."""
+        return self._unexplained * int(np.count_nonzero(~np.isnan(corrected)))

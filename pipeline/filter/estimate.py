@@ -1,0 +1,73 @@
+"""Where the robot is: the hypotheses in a belief, and how sure it is of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.filter.step import Estimate
+from pipeline.geometry import wrap_angle
+from pipeline.kernels import belief
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+BIN_SIZE = 0.5
+BIN_TURNS = 36
+"""Bins of 0.5 m x 0.5 m x 10 degrees, as in AMCL's kd-tree."""
+LIGHTEST_BIN = 0.05
+"""Bins below this share of the heaviest one join no cluster: a thin haze must not connect two places."""
+MAX_CLUSTERS = 8
+
+
+class Clusters:
+    """Groups the particles into hypotheses, in buffers that are used again at every scan."""
+
+    def __init__(self, grid: OccupancyGrid, max_particles: int) -> None:
+        self._grid = grid
+        size = 1 << int(2 * max_particles).bit_length()
+        self._keys = np.empty(size, np.int64)
+        self._bin_at = np.empty(size, np.int32)
+        self._bin_of = np.empty(max_particles, np.int32)
+        self._bin_key = np.empty(max_particles, np.int64)
+        self._bin_weight = np.empty(max_particles, np.float64)
+        self._parent = np.empty(max_particles, np.int32)
+        self.occupied = 0
+        """Number of bins that hold a particle: what KLD-sampling counts."""
+
+    def find(self, poses: NDArray[np.float32], weights: NDArray[np.float64]) -> tuple[Estimate, ...]:
+        """The hypotheses, heaviest first, in the map frame.
+
+        ``poses`` (3, n) float32 in the grid frame, ``weights`` (n,) float64 summing to one. Each estimate has the
+        weight, mean and covariance of a connected set of bins: never the mean of two places.
+        """
+        x, y, theta = poses
+        # The table is kept as small as the particles allow: clearing it is part of every scan.
+        size = min(len(self._keys), 1 << int(2 * len(weights)).bit_length())
+        keys, bin_at = self._keys[:size], self._bin_at[:size]
+        bins = self.occupied = belief.occupied_bins(
+            x, y, theta, weights, BIN_SIZE, BIN_TURNS, keys, bin_at, self._bin_of, self._bin_key, self._bin_weight
+        )
+        bin_weight, parent = self._bin_weight[:bins], self._parent[:bins]
+        floor = LIGHTEST_BIN * float(bin_weight.max())
+        belief.label_bins(bins, BIN_TURNS, keys, bin_at, self._bin_key, self._bin_weight, floor, self._parent)
+        joined = parent >= 0
+        share = np.bincount(parent[joined], bin_weight[joined], minlength=bins)
+        roots = np.argsort(-share, kind="stable")[:MAX_CLUSTERS]
+        roots = roots[share[roots] > 0.0]
+        slot_of_root = np.full(bins, -1, np.int32)
+        slot_of_root[roots] = np.arange(len(roots))
+        sums = np.zeros((len(roots), 14))
+        belief.cluster_moments(x, y, theta, weights, self._bin_of, self._parent, slot_of_root, sums)
+        return tuple(self._estimate(s) for s in sums)
+
+    def _estimate(self, s: NDArray[np.float64]) -> Estimate:
+        delta = s[4:7] / s[0]
+        covariance = np.empty((3, 3))
+        covariance[np.triu_indices(3)] = s[7:13] / s[0]
+        covariance.T[np.triu_indices(3)] = covariance[np.triu_indices(3)]
+        covariance -= np.outer(delta, delta)
+        pose = s[1:4] + delta
+        cos, sin = np.cos(self._grid.origin[2]), np.sin(self._grid.origin[2])
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        pose = self._grid.to_map(pose)
+        pose[2] = wrap_angle(pose[2])
+        return Estimate(pose, turn @ covariance @ turn.T, float(s[0]))

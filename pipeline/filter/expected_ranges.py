@@ -1,0 +1,98 @@
+"""What the laser should see from a pose: true ranges from the table, or cast ray by ray."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.kernels import raycast, scoring
+from pipeline.logs.messages import Laser
+from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.maps.range_table import (
+    HEADINGS,
+    HIT_CODES,
+    LOG_OFFSET,
+    UNKNOWN_CODES,
+    load_range_table,
+    opaque_cells,
+    range_codes,
+)
+
+BIN = 2.0 * math.pi / HEADINGS
+
+
+def select_beams(laser: Laser, config: Config) -> NDArray[np.int64]:
+    """Indices of the beams that the sensor model uses: every ``beam_step``-th, or ``max_beams`` spread evenly."""
+    if config.beam_step is not None:
+        return np.arange(0, laser.beams, config.beam_step)
+    n = min(config.max_beams, laser.beams)
+    return np.unique(np.round((np.arange(n) + 0.5) * laser.beams / n - 0.5).astype(np.int64))
+
+
+class ExpectedRanges:
+    """True ranges z* for the chosen beams, as eight-bit codes; and the likelihood of a scan that follows from them."""
+
+    def __init__(
+        self, grid: OccupancyGrid, laser: Laser, beams: NDArray[np.int64], config: Config, max_range: float
+    ) -> None:
+        self._grid, self._laser, self._config = grid, laser, config
+        self._angles = laser.angles[beams]
+        self.codes = range_codes(grid, max_range)
+        self._laser_pose = np.asarray(laser.pose, np.float32)
+        self._table = (
+            load_range_table(grid, config.occupied_threshold, max_range) if config.ray_caster == "table" else None
+        )
+        if self._table is None:
+            self._opaque = opaque_cells(grid, config.occupied_threshold)
+        else:
+            # Beams as steps of the table's headings from the first beam, so that a row is read forwards only.
+            steps = np.round(self._angles / BIN).astype(np.int64)
+            self._first = int(steps.min())
+            self._offsets = ((steps - self._first) % HEADINGS).astype(np.int32)
+            self._rows = self._table.padded(int(self._offsets.max()))
+
+    def score(
+        self, poses: NDArray[np.float32], log_likelihood: NDArray[np.float32], outside: float, out: NDArray[np.float32]
+    ) -> None:
+        """Log-likelihood of a scan at poses (3, n) float32 in the grid frame -> ``out`` (n,) float32.
+
+        ``log_likelihood`` (k, 256) float32 of the scan's beams; ``outside`` for poses in walls or off the map.
+        """
+        n, k = poses.shape[1], len(self._angles)
+        x, y, yaw = self._laser_pose
+        if self._table is None:
+            codes = np.empty((n, k), np.uint8)
+            self._cast_codes(poses, codes)
+            scoring.score_codes(n * k, codes, log_likelihood, np.float32(outside), out)
+        else:
+            turn = np.float32(yaw + self._first * BIN)
+            inv = np.float32(1.0 / self._grid.resolution)
+            table = (HEADINGS, self._table.row_of_cell, self._rows, self._offsets, log_likelihood, np.float32(outside))
+            scoring.score(n * k, *poses, x, y, turn, inv, *table, out)
+
+    def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""
+        codes = np.zeros((1, len(self._angles)), np.uint8)
+        if self._table is None:
+            self._cast_codes(np.asarray(pose, np.float32)[:, None], codes)
+        else:
+            x, y, theta = np.asarray(pose, np.float32)
+            inv = np.float32(1.0 / self._grid.resolution)
+            lx, ly, yaw = self._laser_pose
+            turn = np.float32(yaw + self._first * BIN)
+            row, heading = scoring.look_up(x, y, theta, lx, ly, turn, inv, HEADINGS, self._table.row_of_cell)
+            if row >= 0:
+                codes[0] = self._rows[row, heading + self._offsets]
+        return self.codes.ranges[codes[0]].astype(np.float32)
+
+    def _cast_codes(self, poses: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
+        cell = self._grid.resolution
+        x, y, theta = poses[0] / np.float32(cell), poses[1] / np.float32(cell), poses[2]
+        lx, ly, yaw = self._laser_pose
+        raycast.cast_codes(
+            50 * out.size, self._opaque, x, y, theta, lx / cell, ly / cell, yaw, self._angles, self.codes.max_range / cell,
+            self._config.ray_caster == "bresenham", self.codes.scale, LOG_OFFSET / cell, HIT_CODES, UNKNOWN_CODES, out,
+        )  # fmt: skip

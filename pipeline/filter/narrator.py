@@ -1,0 +1,82 @@
+"""Tells what happens to a belief in sentences: the events of a recording."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from pipeline.filter.step import Event, Step
+
+CONVERGED_SPREAD = 0.5
+"""Metres: the belief has converged when its particles lie so close together ..."""
+CONVERGED_WEIGHT = 0.95
+"""... and one hypothesis holds so much of the weight."""
+LOST_EXPLAINED = 0.45
+"""Share of beams explained at the estimate, smoothed: below it a converged filter is lost ..."""
+FOUND_EXPLAINED = 0.6
+"""... and above it again it is found. Right poses explain 0.6 to 0.95 of the beams, wrong ones under 0.45."""
+SMOOTHING = 0.1
+RESAMPLE_WINDOW = 50
+
+
+class Narrator:
+    """Compares each step with the ones before and adds the events that a reader wants to find on the timeline."""
+
+    def __init__(self) -> None:
+        self._started = False
+        self._converged = False
+        self._lost = False
+        self._explained: float | None = None
+        self._updates = 0
+        self._resampled = 0
+        self._pace = ""
+
+    def tell(self, step: Step) -> Step:
+        """The step, with its events."""
+        events = [*self._start(step), *self._belief(step), *self._health(step), *self._resampling(step)]
+        return dataclasses.replace(step, events=tuple(events))
+
+    def _start(self, step: Step) -> list[Event]:
+        if self._started:
+            return []
+        self._started = True
+        return [Event("started", f"Started with {len(step.particles):,} particles, spread {step.spread:.1f} m.")]
+
+    def _belief(self, step: Step) -> list[Event]:
+        together = step.spread < CONVERGED_SPREAD and step.estimate.weight > CONVERGED_WEIGHT
+        if together and not self._converged:
+            self._converged = True
+            x, y, yaw = step.estimate.pose
+            where = f"({x:.2f}, {y:.2f}) m, heading {math.degrees(yaw):.0f} deg"
+            return [Event("converged", f"Converged at {step.time:.1f} s on {where}; spread {step.spread:.2f} m.")]
+        if self._converged and step.spread > 2 * CONVERGED_SPREAD:
+            self._converged = False
+            return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
+        return []
+
+    def _health(self, step: Step) -> list[Event]:
+        if not step.moved:
+            return []
+        before = step.explained if self._explained is None else self._explained
+        self._explained = before + SMOOTHING * (step.explained - before)
+        share = f"the map explains {100 * self._explained:.0f} % of the beams"
+        if self._converged and not self._lost and self._explained < LOST_EXPLAINED:
+            self._lost = True
+            return [Event("lost", f"Lost at {step.time:.1f} s: {share} at the estimate.", "WARN")]
+        if self._lost and self._explained > FOUND_EXPLAINED:
+            self._lost = False
+            return [Event("found", f"Found again at {step.time:.1f} s: {share} at the estimate.")]
+        return []
+
+    def _resampling(self, step: Step) -> list[Event]:
+        self._updates += step.moved
+        self._resampled += step.resampled
+        if self._updates < RESAMPLE_WINDOW:
+            return []
+        share = self._resampled / self._updates
+        self._updates = self._resampled = 0
+        pace = "rarely" if share < 0.1 else "often" if share > 0.5 else "now and then"
+        if pace == self._pace:
+            return []
+        self._pace = pace
+        return [Event("resampled", f"Resamples {pace}: at {100 * share:.0f} % of the last {RESAMPLE_WINDOW} updates.")]
