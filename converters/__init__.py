@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
+from converters.beesoft import is_beesoft
+from converters.map_files import HEAD, read_map
 from converters.report import ConversionReport
 from converters.text import read_bytes
 from pipeline.errors import MclError
-from pipeline.maps.occupancy_grid import OccupancyGrid
 
 __all__ = ["ConversionReport", "convert", "read_map"]
-
-HEAD = 4096  # bytes (unpacked) that a format may look at to know its own
 
 
 def formats() -> list[ModuleType]:
@@ -21,9 +20,9 @@ def formats() -> list[ModuleType]:
 
     Each has FORMAT (its name), DESCRIPTION, ``sniff(path, head) -> bool`` and ``convert`` as below.
     """
-    from converters import cmu
+    from converters import carmen, cmu
 
-    return [cmu]
+    return [cmu, carmen]
 
 
 def convert(
@@ -59,27 +58,7 @@ def convert(
     return report
 
 
-def read_map(path: Path) -> OccupancyGrid:
-    """The map in a file of either kind: a beesoft map (plain or gzipped) or a map_server YAML with its image."""
-    from converters.beesoft import is_beesoft, parse_beesoft
-    from converters.cmu_text import is_log_text
-    from pipeline.maps.map_server import load_map
-
-    path = Path(path)
-    data = read_bytes(path)
-    head = data[:HEAD]
-    if is_beesoft(head):
-        return parse_beesoft(data, path).grid
-    if is_log_text(head):
-        raise MclError("this is a log, not a map", "give it as the log", path=path)
-    if b"\0" in head or head[:2] in (b"P5", b"P2"):
-        raise MclError("not a map file", "give the .yaml beside the image, or a beesoft map", path=path)
-    return load_map(path)
-
-
 def _format_of(path: Path) -> ModuleType:
-    from converters.beesoft import is_beesoft
-
     head = b"" if path.is_dir() else read_bytes(path)[:HEAD]
     if is_beesoft(head):
         raise MclError("this is a beesoft map, not a log", "give it with --map", path=path)

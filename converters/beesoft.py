@@ -65,7 +65,7 @@ def parse_beesoft(data: bytes, path: Path) -> BeesoftMap:
 
 
 def write_beesoft(path: Path, grid: OccupancyGrid) -> None:
-    """Writes the grid's cells so that reading them gives the same float32 back; the origin is not kept."""
+    """Writes the grid's cells so that reading them gives the same back (to 1e-16); the origin is not kept."""
     nx, ny, cm = grid.width, grid.height, grid.resolution * 100.0
     header = [
         ("global_mapsize_x", nx * cm),

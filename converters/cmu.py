@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from converters import beesoft
 from converters.cmu_text import BEAMS, MAX_RANGE_CM, MAX_STAMP, CmuLog, format_lines, is_log_text, parse_log_text
+from converters.map_files import HEAD, read_map
 from converters.report import ConversionReport
 from converters.segments import Segment, continue_odometry, from_metadata, move, move_back, to_metadata
 from converters.text import read_bytes, sha256, write_text
@@ -139,7 +140,7 @@ def export_raw(mcap: Path, log_out: Path, map_out: Path | None = None) -> list[P
         lines = [kept.get(int(s), line) for s, line in zip(odometry.sequences, lines, strict=True)]
     source_of = np.array([segment.source for segment in segments])[_segment_of(odometry.sequences, segments)]
     written = []
-    for source in range(int(source_of.max()) + 1):
+    for source in np.unique(source_of).tolist():
         path = log_out if source == 0 else log_out.with_name(_numbered(log_out.name, source + 1))
         text = "".join(f"{line}\n" for line, own in zip(lines, source_of, strict=True) if own == source)
         write_text(path, text)
@@ -267,9 +268,7 @@ def _read_map(path: Path | None) -> tuple[OccupancyGrid | None, dict[str, str], 
         return None, {}, {}
     data = read_bytes(path)
     record = {"file": Path(path).name, "sha256": sha256(path)}
-    if not beesoft.is_beesoft(data[:4096]):
-        from converters import read_map
-
+    if not beesoft.is_beesoft(data[:HEAD]):
         return read_map(path), record | {"format": "map_server"}, {}
     raw = beesoft.parse_beesoft(data, path)
     grid = raw.grid

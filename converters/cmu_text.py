@@ -98,6 +98,8 @@ def parse_log_text(data: bytes, path: Path) -> CmuLog:
         odometry.append(values[:3])
         if kind == b"L":
             scans.append(values[3:])
+    if not data.endswith(b"\n") and _stamp_is_cut(data):
+        raise MclError("the last line is cut in the middle of its stamp", path=path, line=lines[-1])
     if not scans:
         raise MclError("no laser scans (L lines) in this log", path=path)
     laser = np.array(scans, dtype=np.float64)
@@ -164,6 +166,12 @@ def _wrong_count(kind: bytes, found: int) -> str:
     if kind == b"O":
         return f"an O line has 4 numbers (x y theta ts), this one has {found}"
     return f"an L line has 187 numbers ({BEAMS} ranges), this one has {found} ({max(found - 7, 0)} ranges)"
+
+
+def _stamp_is_cut(data: bytes) -> bool:
+    """Whether the last line's stamp has fewer decimals than those of all others, which agree."""
+    *others, last = [len(line.split()[-1].partition(b".")[2]) for line in data.split(b"\n") if line.strip()]
+    return len(set(others)) == 1 and last < others[0]
 
 
 def _hint(line: bytes) -> str:

@@ -78,7 +78,7 @@ def decode_grid(messages: Messages) -> OccupancyGrid:
     occupancy = np.where((cells >= 0) & (cells <= 100), cells / np.float32(100.0), np.nan).astype(np.float32)
     p, q = info.origin.position, info.origin.orientation
     yaw = float(quaternion_to_yaw(q.x, q.y, q.z, q.w))
-    resolution = round(float(info.resolution), 9)  # a float32 in the message: 0.1, not 0.10000000149
+    resolution = float(str(np.float32(info.resolution)))  # 0.1, not the 0.10000000149 that float32 makes of it
     return OccupancyGrid(occupancy, resolution, (float(p.x), float(p.y), yaw))
 
 
@@ -136,7 +136,8 @@ def _deserialize(messages: Messages) -> list[Any]:
     try:
         return [store.deserialize_cdr(data, kind) for data in messages.data]
     except Exception as error:  # rosbags raises whatever its generated code stumbles over
-        raise MclError(f"{messages.topic.name}: a message is no {kind}: {error}") from error
+        said = " ".join(str(error).split())[:80] or type(error).__name__
+        raise MclError(f"{messages.topic.name}: a message is no {kind}: {said}") from error
 
 
 @cache

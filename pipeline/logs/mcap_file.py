@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
+_LISTED = 12  # topics that an error message names
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,6 @@ class McapFile:
     """
 
     def __init__(self, path: Path) -> None:
-        from mcap.reader import make_reader
-
         self.path = Path(path)
         try:
             self._file = self.path.open("rb")
@@ -57,7 +55,7 @@ class McapFile:
         try:
             self._check_ends()
             with self._damage():
-                self._reader = make_reader(self._file)
+                self._indexed = False
                 self.topics = {topic.name: topic for topic in self._find_topics()}
         except BaseException:
             self._file.close()
@@ -76,7 +74,7 @@ class McapFile:
         found: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
         topics: dict[int, str] = {}
         with self._damage():
-            for _, channel, message in self._reader.iter_messages(topics=list(names), log_time_order=False):
+            for _, channel, message in self._reader().iter_messages(topics=list(names), log_time_order=False):
                 if message.channel_id not in found:
                     found[message.channel_id] = ([], [], [])
                     topics[message.channel_id] = channel.topic
@@ -99,12 +97,12 @@ class McapFile:
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records by name."""
         with self._damage():
-            return {record.name: dict(record.metadata) for record in self._reader.iter_metadata()}
+            return {record.name: dict(record.metadata) for record in self._reader().iter_metadata()}
 
     def attachment(self, name: str) -> bytes | None:
         """The content of the attachment of that name, None if there is none."""
         with self._damage():
-            for attachment in self._reader.iter_attachments():
+            for attachment in self._reader().iter_attachments():
                 if attachment.name == name:
                     content: bytes = attachment.data
                     return content
@@ -113,17 +111,23 @@ class McapFile:
     def describe(self) -> str:
         """What the file holds, for an error message: every topic with its type and number of messages."""
         listed = [f"{t.name} ({t.type or t.encoding}, {t.count})" for t in self.topics.values()]
+        if len(listed) > _LISTED:
+            listed = [*listed[:_LISTED], f"and {len(listed) - _LISTED} more topics"]
         return "it has " + ", ".join(listed) if listed else "it has no messages at all"
 
     def _find_topics(self) -> list[Topic]:
-        summary = self._reader.get_summary()
-        channels: dict[int, Any] = dict(summary.channels) if summary else {}
-        schemas: dict[int, Any] = dict(summary.schemas) if summary else {}
+        from mcap.reader import SeekingReader
+
+        channels: dict[int, Any] = {}
+        schemas: dict[int, Any] = {}
         counts: dict[int, int] = {}
-        if summary is not None and summary.statistics is not None:
-            counts = dict(summary.statistics.channel_message_counts)
-        else:  # allowed, but then only reading everything tells what is there
-            for schema, channel, _ in self._reader.iter_messages(log_time_order=False):
+        summary = SeekingReader(self._file).get_summary()
+        statistics = summary.statistics if summary is not None else None
+        if statistics is not None and statistics.channel_count == len(summary.channels):
+            self._indexed = True
+            channels, schemas, counts = summary.channels, summary.schemas, statistics.channel_message_counts
+        else:  # a summary is optional, and so is all that is in it: then only reading everything tells what is there
+            for schema, channel, _ in self._reader().iter_messages(log_time_order=False):
                 channels[channel.id] = channel
                 counts[channel.id] = counts.get(channel.id, 0) + 1
                 if schema is not None:
@@ -135,6 +139,13 @@ class McapFile:
             count = before + counts.get(number, 0)
             topics[channel.topic] = Topic(channel.topic, kind, channel.message_encoding, count)
         return list(topics.values())
+
+    def _reader(self) -> Any:
+        """A reader from the beginning: by the index if the file has one, else straight through."""
+        from mcap.reader import NonSeekingReader, SeekingReader
+
+        self._file.seek(0)
+        return (SeekingReader if self._indexed else NonSeekingReader)(self._file, validate_crcs=True)
 
     def _check_ends(self) -> None:
         begin = self._file.read(len(MAGIC))
@@ -149,11 +160,12 @@ class McapFile:
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
-        """Whatever the library stumbles over inside a file whose ends are right is damage to it."""
-        from mcap.exceptions import McapError
-        from zstandard import ZstdError
+        """Whatever the library stumbles over inside a file whose ends are right is damage to it.
 
+        That may be anything: a wrong length is a MemoryError, a wrong channel a KeyError.
+        """
         try:
             yield
-        except (McapError, ZstdError, struct.error, KeyError, ValueError, RuntimeError, StopIteration) as error:
-            raise MclError(f"this MCAP file is damaged: {error or type(error).__name__}", path=self.path) from error
+        except Exception as error:
+            said = " ".join(str(error).split())[:80] or type(error).__name__
+            raise MclError(f"this MCAP file is damaged: {said}", path=self.path) from error

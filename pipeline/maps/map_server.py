@@ -1,7 +1,7 @@
 """Maps as ROS keeps them: a YAML file and an image, read by the same rules as nav2's map_server.
 
 A pixel's darkness is its occupancy (its lightness if ``negate``). *trinary* tells occupied, free and unknown apart
-by two thresholds, *scale* stretches what lies between them over 0 to 100 %, *raw* takes grey levels 0 to 100 as percent.
+by two thresholds, *scale* stretches what lies between them over 0 to 100 %, *raw* takes grey levels as percent.
 """
 
 from __future__ import annotations
@@ -39,6 +39,8 @@ def load_map(path: Path) -> OccupancyGrid:
     mode = str(values.get("mode", "trinary")).lower()
     if mode not in MODES:
         raise MclError(f"unknown mode {mode!r}, expected one of {', '.join(MODES)}", path=path)
+    if mode == "scale" and occupied <= free:
+        raise MclError("occupied_thresh must be above free_thresh", path=path)
     negate = values.get("negate")
     if not isinstance(negate, int):
         raise MclError(f"negate must be 0 or 1, not {negate!r}", path=path)
@@ -46,10 +48,11 @@ def load_map(path: Path) -> OccupancyGrid:
     if not isinstance(name, str) or not name:
         raise MclError("no image is named in this file", "expected a key: image: map.pgm", path=path)
 
-    colours, alpha = _read_image(path.parent / name)
-    shade = colours.mean(axis=2)
+    colours, alpha, white = _read_image(path.parent / name)
+    counted = colours
     if mode == "trinary" and alpha is not None:
-        shade = np.concatenate([colours, alpha[..., None]], axis=2).mean(axis=2)  # so map_server does it
+        counted = np.concatenate([colours, alpha[..., None]], axis=2)  # so map_server does it
+    shade = counted.mean(axis=2) / white
     occupancy = shade if negate else 1.0 - shade
     cells = np.full(shade.shape, np.nan)
     if mode == "raw":
@@ -61,7 +64,7 @@ def load_map(path: Path) -> OccupancyGrid:
         cells[occupancy < free] = 0.0
         cells[occupancy > occupied] = 1.0
         if mode == "scale" and alpha is not None:
-            cells[alpha < 1.0] = np.nan
+            cells[alpha < white] = np.nan
     x, y, yaw = map(float, origin)
     return OccupancyGrid(np.ascontiguousarray(cells[::-1]).astype(np.float32), resolution, (x, y, yaw))
 
@@ -92,22 +95,25 @@ def save_map(grid: OccupancyGrid, path: Path) -> None:
         yaml.dump(values, file)
 
 
-def _read_image(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
-    """Red, green, blue (height, width, 3) in [0, 1], top row first; opacity (height, width) where there is any."""
+def _read_image(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, float]:
+    """Red, green, blue (height, width, 3), top row first; opacity (height, width) if there is any; the level of white.
+
+    Levels stay whole numbers, so that means and thresholds come out to the last bit as in map_server.
+    """
     from PIL import Image, UnidentifiedImageError
 
     try:
         with Image.open(path) as image:
             if image.mode.startswith("I"):  # 16 bits of grey
-                grey = np.asarray(image, dtype=np.float64) / 65535.0
-                return np.repeat(grey[..., None], 3, axis=2), None
+                grey = np.asarray(image, dtype=np.float64)
+                return np.repeat(grey[..., None], 3, axis=2), None, 65535.0
             has_alpha = image.has_transparency_data
-            pixels = np.asarray(image.convert("RGBA"), dtype=np.float64) / 255.0
+            pixels = np.asarray(image.convert("RGBA"), dtype=np.float64)
     except FileNotFoundError as error:
         raise MclError("no such image", "the YAML's key image names it", path=path) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
         raise MclError(f"cannot be read as an image: {error}", path=path) from error
-    return pixels[..., :3], pixels[..., 3] if has_alpha else None
+    return pixels[..., :3], pixels[..., 3] if has_alpha else None, 255.0
 
 
 def _read_yaml(path: Path) -> Mapping[str, Any]:
