@@ -268,9 +268,9 @@ def _timings(table: pa.Table | None) -> tuple[str, dict[str, float]]:
         return "", {}
     names = [row[0] for row in table[f"{entities.TIMING_TYPE}:name"].to_pylist()]
     clock = table[entities.LOG_TIME].cast(pa.int64()).to_pylist()
-    start = clock[names.index("start")]
+    start = clock[names.index("")]
     started = str(np.datetime64(start, "ns").astype("datetime64[s]")) + "Z"
-    return started, {n: (at - start) / 1e9 for n, at in zip(names, clock, strict=True) if n != "start"}
+    return started, {n: (at - start) / 1e9 for n, at in zip(names, clock, strict=True) if n}
 
 
 def _sorted_rows(table: pa.Table | None, timeline: str) -> pa.Table | None:

@@ -57,8 +57,8 @@ def known_area(grid: OccupancyGrid) -> Area:
     return Area((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
 
 
-def blueprint(grid: OccupancyGrid) -> rrb.Blueprint:
-    """The layout for a run on this map."""
+def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
+    """The layout for a run on this map, with that tab in front: 0 the map, 1 the flat map, 2 and on the texts."""
     beside = [
         rrb.BarChartView(
             name="Weights: log10(weight / mean weight), %",
@@ -87,7 +87,7 @@ def blueprint(grid: OccupancyGrid) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(rrb.Tabs(*_maps(known_area(grid)), *documents, active_tab=0), events, row_shares=[5, 1]),
+            rrb.Vertical(rrb.Tabs(*_maps(known_area(grid)), *documents, active_tab=tab), events, row_shares=[5, 1]),
             rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]),
             column_shares=[5, 2],
         ),
@@ -152,4 +152,10 @@ def _overrides() -> dict[str, Any]:
 
 
 def _curves(name: str, *curves: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(name=name, contents=list(curves), plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop))
+    whole_run = rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
+    return rrb.TimeSeriesView(
+        name=name,
+        contents=list(curves),
+        axis_x=rrb.TimeAxis(view_range=whole_run),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=len(curves) > 1),
+    )

@@ -48,9 +48,10 @@ class Frame:
 
 def timelines(indices: ArrayLike, seconds: ArrayLike) -> list[Any]:
     """Both timelines for rows at these scans: indices (n,) and seconds (n,) since the first scan."""
+    nanoseconds = np.round(np.asarray(seconds, dtype=np.float64) * 1e9).astype("timedelta64[ns]")
     return [
         rr.TimeColumn(entities.SCAN, sequence=np.asarray(indices, dtype=np.int64)),
-        rr.TimeColumn(entities.TIME, duration=np.asarray(seconds, dtype=np.float64)),
+        rr.TimeColumn(entities.TIME, duration=nanoseconds),
     ]
 
 

@@ -27,8 +27,9 @@ The robot moves, the particles move with it; the laser measures, and what does n
 | green ring, arrow and line | the truth, where the log knows it |
 
 Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the
-weight; 0 is the mean weight, 1 ten times that); the effective sample size and the number of particles; how well the
-beams fit; how far the particles spread about the estimate; what happened. Click an event or a curve to go there.
+weight; 0 is the mean weight, 1 ten times that, the ends of the axis take what lies beyond); the effective sample size
+and the number of particles; how well the beams fit; how far the particles spread about the estimate. Below the map:
+what happened. Click an event or a curve to go there.
 
 {sampling}
 """

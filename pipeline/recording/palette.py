@@ -21,8 +21,8 @@ UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
 # Weight relative to the mean weight, log10: the ends of the colour scale, and of the histogram's axis.
 COLOUR_RANGE = (-2.0, 2.0)
-HISTOGRAM_RANGE = (-10.0, 6.0)
-HISTOGRAM_BINS = 64
+HISTOGRAM_RANGE = (-6.0, 5.0)
+HISTOGRAM_BINS = 55
 
 # viridis at 16 equal steps, light to dark: the heavier a particle, the darker on the map's white floor.
 WEIGHT_COLOURS: NDArray[np.uint8] = np.array(

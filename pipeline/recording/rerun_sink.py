@@ -61,7 +61,7 @@ class RerunSink:
             entities.APPLICATION_ID, recording_id=entities.recording_id(log, config, seed)
         )
         self._stream.set_log_time_enabled(False)
-        self._started = time.time()
+        self._started = np.datetime64(time.time_ns(), "ns")
         try:
             self._stream.save(self.path, default_blueprint=blueprint(log.grid))
         except Exception as error:
@@ -101,17 +101,18 @@ class RerunSink:
     def finish(self, summary: dict[str, Any]) -> None:
         """Adds what is known only at the end: JSON-like figures, and under "timings" wall times in seconds by name.
 
-        Wall times differ between equal runs. They are stored as places on the wall-clock timeline, counted from
-        the row "start": that timeline is left out by ``rerun rrd compare``, so that equal runs compare as equal.
+        Wall times differ between equal runs. They are stored as places on the wall-clock timeline, counted
+        from its first row, which has no name: ``rerun rrd compare`` leaves that timeline out, so that equal
+        runs compare as equal.
         """
         self._flush()
         timings = summary.get("timings", {})
         figures = {key: value for key, value in summary.items() if key != "timings"}
         self._property(entities.PROPERTY_RESULT, {"figures": json.dumps(figures, default=_plain, allow_nan=True)})
         self._document(entities.RESULT, documents.result(figures))
-        seconds = np.array([0.0, *(float(v) for v in timings.values())])
-        columns = rr.DynamicArchetype.columns(entities.TIMING_TYPE, components={"name": ["start", *timings]})
-        clock = rr.TimeColumn(entities.LOG_TIME, timestamp=self._started + seconds)
+        took = np.array([0, *(round(float(seconds) * 1e9) for seconds in timings.values())], "timedelta64[ns]")
+        columns = rr.DynamicArchetype.columns(entities.TIMING_TYPE, components={"name": ["", *timings]})
+        clock = rr.TimeColumn(entities.LOG_TIME, timestamp=self._started + took)
         self._stream.send_columns(entities.TIMINGS, [clock], columns)
 
     def close(self) -> None:
@@ -205,12 +206,10 @@ class RerunSink:
         self._document(entities.EXPLANATION, documents.explanation(config))
         self._document(entities.RUN, documents.run(log, config, self._seed, found))
         if density is not None:
-            z, p, true_range = density
-            chart = rr.BarChart(
-                np.asarray(p, dtype=np.float32), abscissa=np.asarray(z, dtype=np.float32), color=palette.MEASURED
-            )
+            z, p, true_range = (np.asarray(part, dtype=np.float32) for part in density)
+            chart = rr.BarChart(p, abscissa=z, widths=np.gradient(z).astype(np.float32), color=palette.MEASURED)
             self._static(entities.DENSITY, chart)
-            self._document(entities.DENSITY_NOTE, documents.density(true_range, config))
+            self._document(entities.DENSITY_NOTE, documents.density(float(true_range), config))
 
     def _log_truth(self) -> None:
         truth = self._log.ground_truth

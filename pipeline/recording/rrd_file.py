@@ -47,7 +47,7 @@ def read_rrd(path: Path) -> RrdFile:
         copy = Path(folder) / path.name
         with path.open("rb") as file:
             copy.write_bytes(file.read(whole))
-        return _read(copy, path, f"cut short: the last {size - whole} bytes are part of something that is not there")
+        return _read(copy, path, "cut short within a write; all before it is read")
 
 
 def _read(path: Path, named: Path, damage: str = "") -> RrdFile:
