@@ -36,7 +36,7 @@ _FLASER_HEAD, _FLASER_TAIL = 2, 9
 
 @dataclass(frozen=True)
 class Beams:
-    """Directions of a scan's beams in the laser's frame, radians; ``max_range``: metres, None if the line does not say."""
+    """Directions of a scan's beams in the laser's frame, radians; ``max_range``: metres, None if no line says."""
 
     count: int
     angle_min: float
@@ -126,7 +126,7 @@ def parse_carmen(data: bytes, path: Path) -> CarmenLog:
             if kind in scans:
                 row, shape = _scan(kind, tokens, number)
                 if beams.setdefault(kind, shape) != shape:
-                    raise ValueError(f"its beams are not those of the {kind} lines before: {shape} after {beams[kind]}")
+                    raise ValueError(_differs(shape, beams[kind]))
                 scans[kind].append(row)
             elif kind == "PARAM":
                 params[_text(tokens, 1)] = _text(tokens, 2)
@@ -175,8 +175,7 @@ def in_order(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
 
     result = np.rint(isotonic_regression((stamps - stamps[0]).astype(np.float64)).x).astype(np.int64)
     for i in range(1, len(result)):
-        if result[i] <= result[i - 1] + (MIN_STEP if result[i] != stamps[i] - stamps[0] else 0):
-            result[i] = result[i - 1] + MIN_STEP
+        result[i] = max(result[i], result[i - 1] + MIN_STEP)
     return result + stamps[0]
 
 
@@ -200,6 +199,12 @@ def _robotlaser(tokens: list[bytes], number: int) -> tuple[_Row, Beams]:
     rest = tokens[end + 1 + remissions :]
     row = _Row(number, _stamp(rest[-3]), _finite(rest[:6]), _finite(tokens[_ROBOTLASER_HEAD:end]))
     return row, Beams(n, angle_min, increment, max_range)
+
+
+def _differs(beams: Beams, before: Beams) -> str:
+    if beams.count != before.count:
+        return f"{beams.count} readings where the lines before have {before.count}"
+    return "angles or longest range other than in the lines before"
 
 
 def _count(tokens: list[bytes], at: int, least: int = 2) -> int:

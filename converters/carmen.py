@@ -1,0 +1,192 @@
+"""CARMEN logs, as the robotics data sets of the 2000s come, into an .mcap.
+
+Every scan becomes a /scan, a /laser_pose and an /odom message, the robot's pose being the one that CARMEN wrote into
+the scan's own line; the messages' ``sequence`` is the line number. ODOM lines are counted and left out: their stamps
+and those of the scans disagree, and merged by stamp the robot would twitch to and fro.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from converters.carmen_text import CarmenLog, is_carmen_text, read_carmen
+from converters.report import ConversionReport
+from converters.segments import Segment, continue_odometry, move, to_metadata
+from converters.text import sha256
+from pipeline import __version__
+from pipeline.errors import MclError
+from pipeline.geometry import Pose, between, wrap_angle
+from pipeline.logs import schema
+from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.messages import Trajectory
+from pipeline.logs.tum import read_tum
+from pipeline.logs.writer import write_log
+
+FORMAT = "carmen"
+DESCRIPTION = "CARMEN log"
+
+PARAMS = "carmen:params"
+"""Metadata record of the log's PARAM lines."""
+SICK_CODES = 81.83
+"""m: 81.83, 81.87, 81.89 and 81.91 are the codes of a SICK laser for readings without return."""
+MOUNT_TOLERANCE = 0.05
+"""m, rad: a laser that moves farther than this on the robot is not one: the log's poses were corrected afterwards."""
+
+
+def sniff(path: Path, head: bytes) -> bool:
+    """Whether the file is a CARMEN log, by its first bytes, unpacked where it is packed with bzip2."""
+    return not path.is_dir() and is_carmen_text(path, head)
+
+
+def convert(
+    sources: Sequence[Path],
+    output: Path,
+    *,
+    map_path: Path | None = None,
+    drop: Sequence[tuple[float, float]] = (),
+    ground_truth: Path | None = None,
+) -> ConversionReport:
+    """Writes ``output`` from one log; see ``converters.convert``. The first line that counts is the first scan.
+
+    Without ``ground_truth``, TRUEPOS lines are the truth, where there are any.
+    """
+    if len(sources) != 1:
+        raise MclError("CARMEN logs cannot be joined", "convert them one by one")
+    source = sources[0]
+    raw = read_carmen(source)
+    log, segments = _arrange(raw, drop, source)
+    laser_pose, mount = _laser_pose(raw, source)
+    range_max = _range_max(raw)
+    record = {
+        "format": FORMAT,
+        "converter": f"mcl-replay {__version__}",
+        "files": json.dumps([source.name]),
+        "sha256": json.dumps([sha256(source)]),
+        "lines": str(sum(raw.counts.values())),
+        "lines_by_type": json.dumps(raw.counts),
+        "scans_from": raw.kind,
+        "odometry_from": f"the robot's pose in the {raw.kind} lines",
+        "stamps": "as in the file" if not raw.repaired else "the nearest that increase, in the order of the file",
+        "stamps_repaired": str(raw.repaired),
+        "dropped_scans": str(len(raw) - len(log)),
+        "dropped_intervals_s": json.dumps([list(interval) for interval in drop]),
+        "laser_pose": json.dumps(laser_pose),
+        "laser_pose_from": mount,
+        "range_max": f"{range_max:g}",
+    }
+    if len(segments) > 1:
+        starts = np.searchsorted(log.lines, [segment.first_sequence for segment in segments[1:]])
+        record["kidnapped_at"] = json.dumps(((log.stamps[starts] - log.stamps[0]) / 1e9).tolist())
+    metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
+    if raw.params:
+        metadata[PARAMS] = raw.params
+    grid = None
+    if map_path is not None:
+        from converters import read_map
+
+        grid = read_map(map_path)
+        metadata[schema.MAP_SOURCE] = {"file": Path(map_path).name, "sha256": sha256(map_path)}
+    scans, odometry, lasers = _columns(log, segments, range_max)
+    write_log(
+        output,
+        scans,
+        odometry,
+        laser_pose,
+        grid=grid,
+        ground_truth=read_tum(ground_truth) if ground_truth is not None else _truth(raw),
+        laser_poses=lasers,
+        metadata=metadata,
+    )
+    return ConversionReport(
+        format=FORMAT,
+        lines=sum(raw.counts.values()),
+        scans=len(scans),
+        odometry=len(odometry),
+        dropped=len(raw) - len(log),
+        duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
+        output=output,
+        size=output.stat().st_size,
+    )
+
+
+def _arrange(raw: CarmenLog, drop: Sequence[tuple[float, float]], source: Path) -> tuple[CarmenLog, list[Segment]]:
+    """The log without what is to be dropped, and the stretches that are left."""
+    since = raw.stamps - raw.stamps[0]
+    keep = np.ones(len(raw), dtype=np.bool_)
+    for begin, end in drop:
+        if not (math.isfinite(begin) and math.isfinite(end) and begin <= end):
+            raise MclError(f"an interval to drop must be begin <= end in seconds, not {begin}..{end}")
+        keep &= (since < round(begin * 1e9)) | (since > round(end * 1e9))
+    if not keep.any():
+        raise MclError("nothing is left: every scan lies in what is to be dropped", path=source)
+    log = raw.take(keep)
+    starts = [0, *(np.flatnonzero(np.diff(np.flatnonzero(keep)) > 1) + 1).tolist()]
+    motions = continue_odometry(log.robot_poses, starts)
+    return log, [Segment(0, int(log.lines[s]), 0, 0, motion) for s, motion in zip(starts, motions, strict=True)]
+
+
+def _columns(
+    log: CarmenLog, segments: Sequence[Segment], range_max: float
+) -> tuple[ScanColumns, PoseColumns, PoseColumns]:
+    """What is written as /scan, /odom and /laser_pose."""
+    robots, lasers = log.robot_poses.copy(), log.laser_poses.copy()
+    which = np.searchsorted([s.first_sequence for s in segments], log.lines, side="right") - 1
+    for k, segment in enumerate(segments):
+        robots[which == k] = move(robots[which == k], segment.motion)
+        lasers[which == k] = move(lasers[which == k], segment.motion)
+    scans = ScanColumns(
+        log.stamps,
+        log.lines,
+        log.ranges.astype(np.float32),
+        angle_min=log.beams.angle_min,
+        angle_increment=log.beams.angle_increment,
+        range_min=0.0,
+        range_max=range_max,
+        frame=schema.LASER_FRAME,
+    )
+    odometry = planar_poses(log.stamps, log.lines, robots, schema.ODOM_FRAME, schema.BASE_FRAME)
+    return scans, odometry, planar_poses(log.stamps, log.lines, lasers, schema.ODOM_FRAME)
+
+
+def _laser_pose(log: CarmenLog, source: Path) -> tuple[Pose, str]:
+    """The laser in base_link, to the millimetre, and where that is from: the scans, or PARAM where they disagree."""
+    mounts = between(log.robot_poses, log.laser_poses)
+    mounts[:, 2] = mounts[0, 2] + wrap_angle(mounts[:, 2] - mounts[0, 2])  # a laser that looks back: not from pi to -pi
+    median = np.median(mounts, axis=0)
+    if np.abs(mounts - median).max() <= MOUNT_TOLERANCE:
+        x, y, yaw = (round(float(value), 3) + 0.0 for value in median)  # + 0.0: no negative zero
+        return (x, y, yaw), f"the {log.kind} lines' own laser poses (median)"
+    name = "robot_rearlaser_offset" if log.kind == "RLASER" else "robot_frontlaser_offset"
+    try:
+        return (float(log.params[name]), 0.0, math.pi if log.kind == "RLASER" else 0.0), f"PARAM {name}"
+    except (KeyError, ValueError):
+        raise MclError(
+            f"the laser moves on the robot, and no PARAM {name} says where it is",
+            "a log whose poses were corrected afterwards? give the raw one",
+            path=source,
+        ) from None
+
+
+def _range_max(log: CarmenLog) -> float:
+    """The longest range (m) that a reading can have and still be one; what is above came from no obstacle.
+
+    What ROBOTLASER1 says, else below the code that the log uses for "no return": one of the SICK laser's, or a
+    longest reading that stands out by occurring over ten times as often as the next.
+    """
+    if log.beams.max_range is not None:
+        return log.beams.max_range - 0.01  # a reading of exactly the longest range is one without return
+    values, counts = np.unique(log.ranges, return_counts=True)
+    if values[-1] >= SICK_CODES:
+        return SICK_CODES - 0.01
+    if len(values) > 1 and counts[-1] > 10 * counts[-2]:
+        return round(float(values[-1]) - 0.01, 3)
+    return float(values[-1])
+
+
+def _truth(log: CarmenLog) -> Trajectory | None:
+    return Trajectory(log.truth_stamps, log.truth_poses) if len(log.truth_stamps) else None
