@@ -94,7 +94,7 @@ def dying(log: Log, config: Config, *, seed: int, threads: int):
 
 
 def sleeping(log: Log, config: Config, *, seed: int, threads: int):
-    print("running", flush=True)
+    os.write(1, b"running\n")  # in one piece, whoever else writes
     time.sleep(600)
 
 
@@ -253,10 +253,14 @@ def test_ctrl_c_ends_the_pool_and_says_nothing_of_it():
         text=True,
         start_new_session=True,
     ) as process:
-        assert process.stdout is not None
-        assert {process.stdout.readline() for _ in range(2)} == {"running\n"}
-        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
-        out, err = process.communicate(timeout=60)
+        try:
+            assert process.stdout is not None
+            assert [process.stdout.readline() for _ in range(2)] == ["running\n"] * 2
+            os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to the whole group
+            out, err = process.communicate(timeout=60)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
     assert (out, err) == ("children 0\n", "")
 
 
