@@ -1,0 +1,82 @@
+"""The command line `mcl`: parse, call, print. What it loads to show --help is light; the rest waits for a command."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from pipeline import __version__, console
+from pipeline.cli.evaluation import evaluate
+from pipeline.cli.logs import convert, export, simulate
+from pipeline.cli.parameters import config
+from pipeline.cli.runs import demo, inspect, localize
+from pipeline.errors import MclError
+
+BAD_INPUT, INTERRUPTED = 1, 130
+
+
+class _Commands(TyperGroup):
+    """Ends every command the same way: what a user can mend is one line and an exit code, never a traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except MclError as error:
+            console.error(str(error))
+        except BrokenPipeError:
+            raise  # whoever read our output has seen enough: typer knows how to leave quietly
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            console.error(f"{place}{error.strerror or error}")
+        except MemoryError as error:
+            console.error(f"not enough memory: {error or 'fewer particles or a smaller map may do'}")
+        except KeyboardInterrupt:
+            console.error("interrupted")
+            raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(BAD_INPUT)
+
+    def list_commands(self, _: Any) -> list[str]:
+        return list(self.commands)  # in the order in which a newcomer meets them
+
+
+app = typer.Typer(
+    cls=_Commands,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    no_args_is_help=True,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for command in (demo, convert, localize, inspect, evaluate, simulate, export, config):
+    app.command()(command)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        console.result(f"mcl-replay {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _about(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """A laser-and-odometry log and a map go in; a recording comes out that shows how the lost robot was found."""
+
+
+def main() -> None:
+    """Run `mcl`. Exit codes: 0, 1 bad input, 2 bad usage, 3 a requested limit failed, 130 Ctrl-C, 143 SIGTERM."""
+    signal.signal(signal.SIGTERM, _terminate)
+    app(prog_name="mcl")
+
+
+def _terminate(number: int, _: FrameType | None) -> None:
+    # As an exception, so that recordings are closed and temporary files removed on the way out.
+    sys.exit(128 + number)

@@ -1,0 +1,112 @@
+"""The command that runs many seeds and says how good they are."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.cli.parameters import ConfigOption, JsonOption, LogArguments, MapOption, SetOption, open_log
+from pipeline.errors import MclError
+
+if TYPE_CHECKING:
+    from pipeline.evaluate import Evaluation
+
+LIMIT_FAILED = 3
+PICTURES = (".png", ".pdf", ".svg")
+
+
+class ReferenceFrame(StrEnum):
+    """Whose trajectory a reference is."""
+
+    base = "base"
+    laser = "laser"
+
+
+def evaluate(
+    logs: LogArguments,
+    references: Annotated[
+        list[Path] | None,
+        typer.Option("--reference", metavar="TRUTH.tum", help="The truth, one per log; the log's own if not given."),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, help="Runs per log, with seeds SEED, SEED + 1, ...")] = 100,
+    seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
+    map_path: MapOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as cores if not given.")] = None,
+    kidnapped_at: Annotated[
+        list[float] | None,
+        typer.Option(metavar="SECONDS", help="The robot was carried off then; the log's own note if not given."),
+    ] = None,
+    reference_frame: Annotated[
+        ReferenceFrame, typer.Option(help="Whether the references say where the robot's centre was, or its laser.")
+    ] = ReferenceFrame.base,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="OUT.png", help="Draw errors over time and paths on the map.")
+    ] = None,
+    require_success: Annotated[
+        float | None,
+        typer.Option(min=0.0, max=1.0, help="Exit with 3 unless, on every log, this share of the runs succeeds."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Localize logs with many seeds and score every run against the truth."""
+    if plot is not None:
+        _check_plot(plot)
+    from pipeline import evaluate as evaluation
+    from pipeline.config import load_config
+    from pipeline.logs.tum import read_tum
+
+    effective = load_config(config, settings or ())
+    truths = [read_tum(path) for path in references] if references else [None] * len(logs)
+    done = evaluation.evaluate(
+        [open_log(log, map_path) for log in logs],
+        truths,
+        effective,
+        runs,
+        jobs,
+        seed,
+        console.progress,
+        reference_frame="laser" if reference_frame is ReferenceFrame.laser else "base_link",
+        kidnapped_at=kidnapped_at or (),
+    )
+    if plot is not None:
+        _write_plot(done, plot)
+    if as_json:
+        console.emit_json(done.to_dict())
+    else:
+        console.table(f"{runs} runs per log", evaluation.COLUMNS, evaluation.table(done), stdout=True)
+        if recoveries := evaluation.recovery_table(done):
+            console.table("kidnapped", evaluation.RECOVERY_COLUMNS, recoveries, stdout=True)
+        if plot is not None:
+            console.result(str(plot))
+    failed = [log for log in done.logs if require_success is not None and log.success_rate < require_success]
+    for log in failed:
+        console.error(f"{log.name}: {log.successes} of {runs} runs succeeded, {require_success:.0%} required")
+    if failed:
+        raise typer.Exit(LIMIT_FAILED)
+
+
+def _check_plot(path: Path) -> None:
+    """What would be known only after an hour of runs."""
+    if path.suffix.lower() not in PICTURES:
+        raise MclError(f"a plot is one of {', '.join(PICTURES)}, told apart by its suffix", path=path)
+    if path.is_dir():
+        raise MclError("this is a folder, not a file to write", path=path)
+    if not path.parent.is_dir():
+        raise MclError("the plot's folder does not exist", path=path.parent)
+
+
+def _write_plot(done: Evaluation, path: Path) -> None:
+    from pipeline.evaluate import plot
+
+    partial = path.with_name(f".{path.stem}.part{path.suffix}")  # the suffix decides the kind of picture
+    try:
+        plot(done, partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

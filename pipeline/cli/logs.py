@@ -1,0 +1,115 @@
+"""Commands that make logs and give them back: convert, export, simulate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.cli.parameters import ForceOption
+from pipeline.errors import MclError
+
+
+def _interval(text: str) -> tuple[float, float]:
+    begin, colon, end = text.partition(":")
+    try:
+        interval = float(begin), float(end)
+    except ValueError:
+        interval = None
+    if not colon or interval is None:
+        raise typer.BadParameter(f"{text!r} is not BEGIN:END in seconds, like 40:70")
+    return interval
+
+
+def convert(
+    logs: Annotated[
+        list[Path], typer.Argument(metavar="LOG...", help="A raw log, plain or gzipped; several with --join.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mcap", help="The file to write.")],
+    map_path: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="MAP", help="Its map, to travel with it: beesoft, or a map_server YAML."),
+    ] = None,
+    drop: Annotated[
+        list[str] | None,
+        typer.Option(metavar="BEGIN:END", help="Leave out these seconds: somebody carried the robot. Repeatable."),
+    ] = None,
+    join: Annotated[bool, typer.Option("--join", help="Put several logs one after the other.")] = False,
+    ground_truth: Annotated[
+        Path | None, typer.Option(metavar="TRUTH.tum", help="Where the robot really was (TUM, base_link in map).")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Turn a raw log and its map into one .mcap file."""
+    intervals = [_interval(text) for text in drop or ()]
+    _refuse_existing([output], force)
+    for source in (*logs, map_path, ground_truth):
+        if source is not None and source.exists() and output.exists() and source.samefile(output):
+            raise MclError("the output is one of the inputs", "give it another name", path=output)
+    from converters import convert as convert_logs
+
+    report = convert_logs(logs, output, map_path=map_path, drop=intervals, ground_truth=ground_truth, join=join)
+    rows = [
+        ("format", report.format),
+        ("lines", f"{report.lines:,}"),
+        ("scans", f"{report.scans:,}"),
+        ("odometry", f"{report.odometry:,}"),
+        ("dropped", f"{report.dropped:,} lines"),
+        ("duration", f"{report.duration:.1f} s"),
+        ("size", f"{report.size / 1e6:.2f} MB"),
+    ]
+    console.table("converted", ("", ", ".join(log.name for log in logs)), rows)
+    console.result(str(report.output))
+
+
+def export(
+    log: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log that `mcl convert` made from a CMU log.")],
+    raw: Annotated[Path, typer.Option("--raw", metavar="DIR", help="The folder to write to.")],
+    force: ForceOption = False,
+) -> None:
+    """Give back the raw log and the raw map, every number as it was."""
+    from converters.cmu import export_raw
+    from pipeline.logs import schema
+    from pipeline.logs.mcap_file import McapFile
+
+    with McapFile(log) as file:
+        has_map = file.metadata().get(schema.MAP_SOURCE, {}).get("format") == "beesoft"
+    names = [raw / f"{log.stem}.log", raw / f"{log.stem}.dat"]
+    _refuse_existing(names, force)
+    for path in export_raw(log, names[0], names[1] if has_map else None):
+        console.result(str(path))
+
+
+def simulate(
+    building: Annotated[Path, typer.Argument(metavar="BUILDING.yaml", help="The building, the robot and its orders.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write to.")],
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another drive.")] = 0,
+    force: ForceOption = False,
+) -> None:
+    """Drive through a made-up building: a raw log, its map, and the truth."""
+    from pipeline.simulate import load_building
+    from pipeline.simulate import simulate as simulate_drive
+
+    description = load_building(building)
+    _refuse_existing([output / f"{description.name}{end}" for end in (".log.gz", ".dat.gz", "_truth.tum")], force)
+    report = simulate_drive(description, output, seed)
+    rows = [
+        ("seed", str(report.seed)),
+        ("scans", f"{report.scans:,}"),
+        ("duration", f"{report.duration:.1f} s"),
+        ("distance", f"{report.distance:.1f} m"),
+        ("odometry alone ends off by", f"{report.odometry_error:.2f} m"),
+    ]
+    console.table("simulated", ("", description.name), rows)
+    for path in (report.log, report.map, report.ground_truth):
+        console.result(str(path))
+
+
+def _refuse_existing(paths: list[Path], force: bool) -> None:
+    for path in paths:
+        if path.is_dir():
+            raise MclError("this is a folder, not a file to write", path=path)
+        if path.exists() and not force:
+            raise MclError("this file exists already", "--force replaces it", path=path)

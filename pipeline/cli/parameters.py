@@ -1,0 +1,60 @@
+"""Options that several commands share, and the command that shows the configuration they amount to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline import console
+
+if TYPE_CHECKING:
+    from pipeline.logs.messages import Log
+
+LogArgument = Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log, as `mcl convert` writes it.")]
+LogArguments = Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Logs, as `mcl convert` writes them.")]
+MapOption = Annotated[
+    Path | None,
+    typer.Option("--map", metavar="MAP", help="A beesoft map or a map_server YAML, instead of the log's own map."),
+]
+ConfigOption = Annotated[
+    str | None,
+    typer.Option("--config", "-c", metavar="NAME|FILE", help="A preset's name or a YAML file; see `mcl config`."),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="A parameter; may be given several times."),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
+
+
+def open_log(path: Path, map_path: Path | None) -> Log:
+    """The log, with the map of another file if one is given."""
+    from pipeline.logs.reader import read_log
+
+    if map_path is None:
+        return read_log(path)
+    from converters import read_map
+
+    return read_log(path, read_map(map_path))
+
+
+def config(
+    source: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset or a YAML file.")] = None,
+    settings: SetOption = None,
+    presets: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
+) -> None:
+    """Show the effective configuration as YAML, every parameter with what it means."""
+    from pipeline.config import Config, dump_config, load_config, preset_names
+
+    if presets:
+        for name in preset_names():
+            console.result(name)
+        return
+    for line in dump_config(load_config(source, settings or ())).splitlines():
+        field = Config.model_fields.get(line.partition(":")[0])
+        if field is not None and field.description:
+            console.result(f"\n# {field.description}")
+        console.result(line)

@@ -1,0 +1,179 @@
+"""Commands around one run: localize, demo, inspect."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pipeline import console
+from pipeline.cli.parameters import ConfigOption, JsonOption, LogArgument, MapOption, SetOption, open_log
+
+if TYPE_CHECKING:
+    from pipeline.config import Config
+    from pipeline.logs.messages import Log
+    from pipeline.recording.run_folder import RunFolder
+    from pipeline.replay import Replay
+
+SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
+ThreadsOption = Annotated[
+    int | None, typer.Option(min=1, help="Threads; all cores if not given. The result does not depend on it.")
+]
+
+
+def _pose(text: str | None) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    try:
+        pose = tuple(float(number) for number in text.split(","))
+    except ValueError:
+        pose = ()
+    if len(pose) != 3 or not all(map(math.isfinite, pose)):
+        raise typer.BadParameter(f"{text!r} is not X,Y,YAW in metres and radians, like 4.5,12,1.57")
+    return pose
+
+
+def localize(
+    log: LogArgument,
+    map_path: MapOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    seed: SeedOption = 0,
+    threads: ThreadsOption = None,
+    particles: Annotated[int | None, typer.Option(help="Use so many particles, from the start to the end.")] = None,
+    init: Annotated[
+        str | None, typer.Option(metavar="WHERE", help="Where the search begins; see `init` in `mcl config`.")
+    ] = None,
+    pose: Annotated[
+        str | None, typer.Option(metavar="X,Y,YAW", help="Begin here (m, rad, in the map); implies --init pose.")
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="The run's folder; recordings/LOG/TIME if not given."),
+    ] = None,
+    record: Annotated[bool, typer.Option("--record/--no-record", help="Write a recording.")] = True,
+    as_json: JsonOption = False,
+) -> None:
+    """Find the robot: write a recording, the trajectory, and what came out."""
+    from pipeline.config import Config, load_config
+    from pipeline.recording.run_folder import create
+
+    start = _pose(pose)
+    if start is not None and init not in (None, "pose"):
+        raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
+    flags: dict[str, Any] = {"init": "pose" if start else init, "initial_pose": start, "max_particles": particles}
+    if "min_particles" in Config.model_fields:
+        flags["min_particles"] = particles
+    effective = load_config(config, settings or (), **flags)
+    opened = open_log(log, map_path)
+    run = _run(opened, effective, create(opened.name, output), seed=seed, threads=threads, record=record)
+    if as_json:
+        console.emit_json({"folder": str(run.folder.path), **run.to_dict()})
+        return
+    _report(run)
+    console.result(str(run.folder.path))
+
+
+def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:
+    """Find the robot in the embedded building: the whole way from raw log to recording, in a fresh folder."""
+    from converters import convert
+    from pipeline.config import load_config
+    from pipeline.logs.reader import read_log
+    from pipeline.recording.run_folder import create
+    from pipeline.simulate import sample_dir
+
+    sample = sample_dir()
+    folder = create("office")
+    path = folder.path / "office.mcap"
+    convert(
+        [sample / "office.log.gz"],
+        path,
+        map_path=sample / "office.dat.gz",
+        ground_truth=sample / "office_truth.tum",
+    )
+    run = _run(read_log(path), load_config(), folder, seed=seed, threads=threads)
+    _report(run)
+    console.result(str(folder.path))
+
+
+def inspect(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, or its run.rrd.")],
+    at: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Only where the robot was, so long after the first scan.")
+    ] = None,
+    export: Annotated[
+        Path | None, typer.Option(metavar="OUT.tum", help="Write the trajectory that the recording holds.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Read a recording back, without a viewer: what ran, what happened, where the robot was."""
+    from dataclasses import asdict
+
+    from pipeline.inspect import export_trajectory
+    from pipeline.inspect import inspect as read_run
+
+    found = read_run(run)
+    if at is not None:
+        pose = found.pose_at(at)
+        if as_json:
+            console.emit_json(asdict(pose))
+        else:
+            console.result(
+                f"{pose.time:.3f} s, scan {pose.scan}: x {pose.x:.3f} m, y {pose.y:.3f} m, "
+                f"yaw {math.degrees(pose.yaw):.1f} deg (sigma {pose.sigma_x:.3f} m, {pose.sigma_y:.3f} m, "
+                f"{math.degrees(pose.sigma_yaw):.1f} deg)"
+            )
+    elif as_json:
+        console.emit_json(found.to_dict())
+    elif export is None:
+        console.table(str(found.path), ("", "run"), found.summary_rows(), stdout=True)
+        console.table("events", ("time", "scan", "kind", "what"), found.event_rows(), stdout=True)
+        console.table("entities", ("path", "rows", "bytes"), found.entity_rows(), stdout=True)
+    if export is not None:
+        export_trajectory(run, export)
+        (console.note if as_json else console.result)(str(export))
+
+
+def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int | None, record: bool = True) -> Replay:
+    from pipeline.kernels import compiled
+    from pipeline.replay import replay
+
+    console.note(f"seed {seed}")
+    if not compiled():
+        console.note("the first run compiles its loops: about half a minute, once")
+    try:
+        return replay(log, config, folder, seed=seed, threads=threads, record=record, progress=console.progress)
+    except (KeyboardInterrupt, SystemExit):
+        if record:
+            console.note(f"stopped; recorded until then: {folder.recording}")
+        raise
+
+
+def _report(run: Replay) -> None:
+    x, y, yaw = run.result.poses[-1]
+    figures = run.to_dict()["figures"]
+    converged = run.result.converged_at
+    parts = ", ".join(f"{part} {seconds:.2f}" for part, seconds in run.seconds.items())
+    rows = [
+        ("scans", f"{len(run.log):,} in {run.log.duration:.1f} s"),
+        ("converged", "never" if converged is None else f"at {converged:.1f} s"),
+        ("end pose", f"x {x:.2f} m, y {y:.2f} m, yaw {math.degrees(yaw):.1f} deg"),
+        ("beams explained by the map", f"{figures['explained']:.0%}"),
+    ]
+    score = run.score
+    if score is not None:
+        found, error, heading = score.time_to_localize, score.position_error, score.heading_error
+        rows.append(("truth: found", "never" if found is None else f"after {found:.1f} s"))
+        if error is not None and heading is not None:
+            rows.append(("truth: position error since", f"median {error.median:.2f} m, 95 % below {error.p95:.2f} m"))
+            rows.append(
+                ("truth: heading error since", f"median {heading.median:.1f} deg, 95 % below {heading.p95:.1f} deg")
+            )
+        rows.append(("truth: error at the end", f"{score.end_position_error:.2f} m, {score.end_heading_error:.1f} deg"))
+    rows.append(("wall time", f"{sum(run.seconds.values()):.2f} s ({parts})"))
+    rows.append(("speed", f"{run.speed:.0f} times real time"))
+    console.table(run.log.name, ("", f"seed {run.seed}"), rows)
+    if run.recorded:
+        console.note(f"look at it:  rerun {run.folder.recording}")

@@ -1,0 +1,151 @@
+"""One whole run: localize a log, record it, score it against its truth, and leave everything in a run's own folder."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from pipeline.config import Config
+from pipeline.errors import MclError
+from pipeline.evaluate.metrics import Score, interpolate, known, score
+from pipeline.localize import RunResult, localize
+from pipeline.logs.messages import Log, Scan
+from pipeline.recording.run_folder import RunFolder
+
+if TYPE_CHECKING:
+    from pipeline.recording.rerun_sink import Density, RerunSink
+
+
+class Progress(Protocol):
+    """Passes the scans on and shows how many of ``total`` have passed: ``console.progress``."""
+
+    def __call__(self, items: Iterable[Scan], total: int, label: str) -> Iterator[Scan]:
+        """Iterate lazily over the scans."""
+        ...
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a run left and how it went: ``score`` is None where the log does not know the truth.
+
+    ``seconds``: wall time by part; ``recorded``: whether the folder holds a recording.
+    """
+
+    folder: RunFolder
+    log: Log
+    seed: int
+    result: RunResult
+    score: Score | None
+    seconds: dict[str, float]
+    recorded: bool
+
+    @property
+    def speed(self) -> float:
+        """Seconds of log per second of wall clock."""
+        return self.log.duration / sum(self.seconds.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values: what ``run.json`` holds."""
+        from pipeline.recording.versions import versions
+
+        grid = self.log.grid
+        return {
+            "log": {
+                "name": self.log.name,
+                "path": str(self.log.path),
+                "sha256": self.log.sha256,
+                "map_sha256": None if grid is None else grid.sha256,
+                "scans": len(self.log),
+                "duration": self.log.duration,
+            },
+            "seed": self.seed,
+            "figures": _figures(self.log, self.result),
+            "truth": None if self.score is None else self.score.to_dict(),
+            "seconds": self.seconds,
+            "speed": self.speed,
+            "versions": versions(),
+        }
+
+
+def replay(
+    log: Log,
+    config: Config,
+    folder: RunFolder,
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+    record: bool = True,
+    progress: Progress | None = None,
+) -> Replay:
+    """Localize the log and fill the folder: config.yaml, run.rrd if ``record``, trajectory.tum, run.json.
+
+    Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
+    is to blame (MclError) nothing can be learnt from it, and the folder is removed.
+    """
+    try:
+        folder.write_config(config)
+        with ExitStack() as stack:
+            sinks: list[RerunSink] = []
+            if record:
+                from pipeline.recording.rerun_sink import RerunSink
+
+                density = _sensor_model(log, config)
+                sinks = [
+                    stack.enter_context(RerunSink(folder.recording, log=log, config=config, seed=seed, density=density))
+                ]
+            watched = _watched(log, progress)
+            result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched)
+            done = time.perf_counter()
+            for sink in sinks:
+                sink.finish({"timings": result.seconds, **_figures(log, result)})
+        seconds = result.seconds | {"close": time.perf_counter() - done}
+    except MclError:
+        shutil.rmtree(folder.path)
+        raise
+    run = Replay(folder, log, seed, result, _score(log, result), seconds, record)
+    folder.write_trajectory(result.trajectory)
+    folder.write_run(run.to_dict())
+    return run
+
+
+def _watched(log: Log, progress: Progress | None) -> Any:
+    return iter if progress is None else lambda scans: progress(scans, len(log), "localizing")
+
+
+def _figures(log: Log, result: RunResult) -> dict[str, Any]:
+    """What came out, the same on every machine: times are of the log, not of the wall clock."""
+    since = 0.0 if result.converged_at is None else result.converged_at
+    return {
+        "scans": len(log),
+        "duration": log.duration,
+        "converged_at": result.converged_at,
+        "end_pose": result.poses[-1].tolist(),
+        "explained": float(np.mean(result.explained[log.times >= since])),
+        "particles": int(result.particles[-1]),
+    }
+
+
+def _score(log: Log, result: RunResult) -> Score | None:
+    if log.ground_truth is None:
+        return None
+    truth = interpolate(log.ground_truth, log.stamps)
+    if not known(truth).any():
+        return None
+    lost = [index for index, _, event in result.events if event.kind == "lost"]
+    return score(log.times, result.poses, truth, lost_at=lost, hindsight=result.hindsight)
+
+
+def _sensor_model(log: Log, config: Config) -> Density:
+    """The beam model at a wall 5 m away, or at half of a range that ends before 10 m."""
+    from pipeline.filter.beam_model import mixture_density
+
+    longest = config.laser_max_range or log.laser.range_max
+    wall = min(5.0, longest / 2)
+    z = np.linspace(0.0, 2 * wall, 201)
+    return z, mixture_density(z, wall, config, longest), wall
