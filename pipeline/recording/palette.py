@@ -1,4 +1,4 @@
-"""The colours, chosen to survive colour-blindness: cividis for weights, blue and orange for measured and expected.
+"""The colours, chosen to survive colour-blindness: viridis for weights, blue and orange for measured and expected.
 
 Nothing is told by hue alone: weights differ in lightness too, rays in their form.
 """
