@@ -38,7 +38,7 @@ def read_rrd(path: Path) -> RrdFile:
     with path.open("rb") as file:
         magic = file.read(len(MAGIC))
     if magic != MAGIC:
-        raise MclError("not a rerun recording", "expected an .rrd as `mcl run` writes it", path=path)
+        raise MclError("not a rerun recording", "expected an .rrd as `mcl localize` writes it", path=path)
     size = path.stat().st_size
     whole = _end_of_last_whole_message(path, size)
     if whole == size:
