@@ -50,6 +50,11 @@ class Replay:
         """Seconds of log per second of wall clock."""
         return self.log.duration / sum(self.seconds.values())
 
+    @property
+    def explained(self) -> float:
+        """Share of the beams that the map explains at the estimate, from convergence on (if it came) to the end."""
+        return _explained(self.log, self.result)
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values: what ``run.json`` holds."""
         from pipeline.recording.versions import versions
@@ -120,15 +125,19 @@ def _watched(log: Log, progress: Progress | None) -> Any:
 
 def _figures(log: Log, result: RunResult) -> dict[str, Any]:
     """What came out, the same on every machine: times are of the log, not of the wall clock."""
-    since = 0.0 if result.converged_at is None else result.converged_at
     return {
         "scans": len(log),
         "duration": log.duration,
         "converged_at": result.converged_at,
         "end_pose": result.poses[-1].tolist(),
-        "explained": float(np.mean(result.explained[log.times >= since])),
+        "explained": _explained(log, result),
         "particles": int(result.particles[-1]),
     }
+
+
+def _explained(log: Log, result: RunResult) -> float:
+    since = 0.0 if result.converged_at is None else result.converged_at
+    return float(np.mean(result.explained[log.times >= since]))
 
 
 def _score(log: Log, result: RunResult) -> Score | None:

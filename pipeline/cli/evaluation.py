@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
+from pipeline.cli.lines import percent
 from pipeline.cli.parameters import ConfigOption, JsonOption, LogArguments, MapOption, SetOption, open_log
 from pipeline.errors import MclError
 
@@ -84,9 +85,14 @@ def evaluate(
             console.table("kidnapped", evaluation.RECOVERY_COLUMNS, recoveries, stdout=True)
         if plot is not None:
             console.result(str(plot))
-    failed = [log for log in done.logs if require_success is not None and log.success_rate < require_success]
+    if require_success is not None:
+        _require(require_success, done)
+
+
+def _require(share: float, done: Evaluation) -> None:
+    failed = [log for log in done.logs if log.success_rate < share]
     for log in failed:
-        console.error(f"{log.name}: {log.successes} of {runs} runs succeeded, {require_success:.0%} required")
+        console.error(f"{log.name}: {log.successes} of {len(log.runs)} runs succeeded, {percent(share)} required")
     if failed:
         raise typer.Exit(LIMIT_FAILED)
 

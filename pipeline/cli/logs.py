@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline import console
+from pipeline.cli.lines import facts
 from pipeline.cli.parameters import ForceOption
 from pipeline.errors import MclError
 
@@ -60,7 +61,7 @@ def convert(
         ("duration", f"{report.duration:.1f} s"),
         ("size", f"{report.size / 1e6:.2f} MB"),
     ]
-    console.table("converted", ("", ", ".join(log.name for log in logs)), rows)
+    console.note(facts(", ".join(log.name for log in logs), rows))
     console.result(str(report.output))
 
 
@@ -102,7 +103,7 @@ def simulate(
         ("distance", f"{report.distance:.1f} m"),
         ("odometry alone ends off by", f"{report.odometry_error:.2f} m"),
     ]
-    console.table("simulated", ("", description.name), rows)
+    console.note(facts(description.name, rows))
     for path in (report.log, report.map, report.ground_truth):
         console.result(str(path))
 

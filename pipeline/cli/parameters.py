@@ -53,8 +53,10 @@ def config(
         for name in preset_names():
             console.result(name)
         return
+    lines = []
     for line in dump_config(load_config(source, settings or ())).splitlines():
         field = Config.model_fields.get(line.partition(":")[0])
         if field is not None and field.description:
-            console.result(f"\n# {field.description}")
-        console.result(line)
+            lines.append(f"\n# {field.description}")
+        lines.append(line)
+    console.result("\n".join(lines).strip())

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline import console
+from pipeline.cli.lines import columns, facts, percent
 from pipeline.cli.parameters import ConfigOption, JsonOption, LogArgument, MapOption, SetOption, open_log
 
 if TYPE_CHECKING:
     from pipeline.config import Config
+    from pipeline.evaluate.metrics import Score
     from pipeline.logs.messages import Log
     from pipeline.recording.run_folder import RunFolder
     from pipeline.replay import Replay
@@ -128,9 +130,9 @@ def inspect(
     elif as_json:
         console.emit_json(found.to_dict())
     elif export is None:
-        console.table(str(found.path), ("", "run"), found.summary_rows(), stdout=True)
-        console.table("events", ("time", "scan", "kind", "what"), found.event_rows(), stdout=True)
-        console.table("entities", ("path", "rows", "bytes"), found.entity_rows(), stdout=True)
+        console.result(facts(str(found.path), found.summary_rows()))
+        console.result(columns("events", found.event_rows()))
+        console.result(columns("entities: rows, bytes", found.entity_rows()))
     if export is not None:
         export_trajectory(run, export)
         (console.note if as_json else console.result)(str(export))
@@ -153,27 +155,28 @@ def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int
 
 def _report(run: Replay) -> None:
     x, y, yaw = run.result.poses[-1]
-    figures = run.to_dict()["figures"]
     converged = run.result.converged_at
     parts = ", ".join(f"{part} {seconds:.2f}" for part, seconds in run.seconds.items())
     rows = [
         ("scans", f"{len(run.log):,} in {run.log.duration:.1f} s"),
         ("converged", "never" if converged is None else f"at {converged:.1f} s"),
         ("end pose", f"x {x:.2f} m, y {y:.2f} m, yaw {math.degrees(yaw):.1f} deg"),
-        ("beams explained by the map", f"{figures['explained']:.0%}"),
+        ("explained by the map", f"{percent(run.explained)} of the beams"),
+        *_against_truth(run.score),
+        ("wall time", f"{sum(run.seconds.values()):.2f} s ({parts})"),
+        ("speed", f"{run.speed:.0f} times real time"),
     ]
-    score = run.score
-    if score is not None:
-        found, error, heading = score.time_to_localize, score.position_error, score.heading_error
-        rows.append(("truth: found", "never" if found is None else f"after {found:.1f} s"))
-        if error is not None and heading is not None:
-            rows.append(("truth: position error since", f"median {error.median:.2f} m, 95 % below {error.p95:.2f} m"))
-            rows.append(
-                ("truth: heading error since", f"median {heading.median:.1f} deg, 95 % below {heading.p95:.1f} deg")
-            )
-        rows.append(("truth: error at the end", f"{score.end_position_error:.2f} m, {score.end_heading_error:.1f} deg"))
-    rows.append(("wall time", f"{sum(run.seconds.values()):.2f} s ({parts})"))
-    rows.append(("speed", f"{run.speed:.0f} times real time"))
-    console.table(run.log.name, ("", f"seed {run.seed}"), rows)
+    console.note(facts(f"{run.log.name}, seed {run.seed}", rows))
     if run.recorded:
-        console.note(f"look at it:  rerun {run.folder.recording}")
+        console.note(f"look at it: rerun {run.folder.recording}")
+
+
+def _against_truth(score: Score | None) -> list[tuple[str, str]]:
+    if score is None:
+        return []
+    found, position, heading = score.time_to_localize, score.position_error, score.heading_error
+    rows = [("true: found", "never" if found is None else f"after {found:.1f} s")]
+    if position is not None and heading is not None:
+        rows.append(("true: error since", f"{position.median:.2f} m, {heading.median:.1f} deg (median)"))
+        rows.append(("true: 95 % below", f"{position.p95:.2f} m, {heading.p95:.1f} deg"))
+    return [*rows, ("true: error at the end", f"{score.end_position_error:.2f} m, {score.end_heading_error:.1f} deg")]

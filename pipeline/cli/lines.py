@@ -1,0 +1,27 @@
+"""How commands lay out what they say: one fact a line, values in a column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def facts(title: str, rows: Sequence[tuple[str, str]]) -> str:
+    """A title, and below it names and values, aligned."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows)])
+
+
+def columns(title: str, rows: Sequence[Sequence[str]]) -> str:
+    """A title, and below it texts in columns as wide as their longest; numbers (and units) to the right, words left."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    right = [all(cell[:1].isdigit() for cell in column) for column in zip(*rows, strict=True)]
+    lines = [
+        "  ".join(f"{cell:>{w}}" if r else f"{cell:<{w}}" for cell, w, r in zip(row, widths, right, strict=True))
+        for row in rows
+    ]
+    return "\n".join([title, *(f"  {line.rstrip()}" for line in lines)])
+
+
+def percent(share: float) -> str:
+    """A share of one, in percent."""
+    return f"{100 * share:.0f} %"
