@@ -111,7 +111,8 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> tuple[f
     p, scale = successes / trials, 1 + z * z / trials
     centre = (p + z * z / (2 * trials)) / scale
     half = z / scale * sqrt(p * (1 - p) / trials + z * z / (4 * trials * trials))
-    return max(0.0, centre - half), min(1.0, centre + half)
+    # Exactly 0 and 1 at the ends, where rounding would leave 1e-17.
+    return (0.0 if successes == 0 else centre - half), (1.0 if successes == trials else centre + half)
 
 
 def known(truth: Array) -> Mask:

@@ -127,6 +127,7 @@ def test_wilsons_interval():
     assert wilson_interval(10, 20) == (pytest.approx(0.29930, abs=1e-5), pytest.approx(0.70070, abs=1e-5))
     assert wilson_interval(100, 100) == (pytest.approx(0.96301, abs=1e-5), 1.0)
     assert wilson_interval(0, 100) == (0.0, pytest.approx(0.03699, abs=1e-5))
+    assert wilson_interval(0, 3)[0] == 0.0
     assert wilson_interval(0, 0) == (0.0, 1.0)
 
 
