@@ -26,7 +26,7 @@ def _interval(text: str) -> tuple[float, float]:
 
 def convert(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG...", help="A raw log, plain or gzipped; several with --join.")
+        list[Path], typer.Argument(metavar="LOG", help="A raw log, plain or gzipped; several with --join.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mcap", help="The file to write.")],
     map_path: Annotated[

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pipeline.logs.messages import Log
 
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log, as `mcl convert` writes it.")]
-LogArguments = Annotated[list[Path], typer.Argument(metavar="LOG.mcap...", help="Logs, as `mcl convert` writes them.")]
+LogArguments = Annotated[list[Path], typer.Argument(metavar="LOG.mcap", help="Logs, as `mcl convert` writes them.")]
 MapOption = Annotated[
     Path | None,
     typer.Option("--map", metavar="MAP", help="A beesoft map or a map_server YAML, instead of the log's own map."),

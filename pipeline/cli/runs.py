@@ -142,7 +142,6 @@ def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int
     from pipeline.kernels import compiled
     from pipeline.replay import replay
 
-    console.note(f"seed {seed}")
     if not compiled():
         console.note("the first run compiles its loops: about half a minute, once")
     try:
