@@ -1,8 +1,37 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from pipeline.logs.messages import Log
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Range tables go into a folder of this session, never into the user's cache."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MCL_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="session")
+def office(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """The embedded sample: 434 scans of a drive through a made-up office, with the map and the truth."""
+    from converters import convert
+    from pipeline.logs.reader import read_log
+    from pipeline.simulate import sample_dir
+
+    sample = sample_dir()
+    path = tmp_path_factory.mktemp("office") / "office.mcap"
+    convert(
+        [sample / "office.log.gz"],
+        path,
+        map_path=sample / "office.dat.gz",
+        ground_truth=sample / "office_truth.tum",
+    )
+    return read_log(path)
 
 
 @pytest.fixture(scope="session")

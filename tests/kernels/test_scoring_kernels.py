@@ -1,0 +1,99 @@
+"""Scores read from the table against sums made one look-up at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import reference
+
+from pipeline.kernels import scoring
+
+HEADINGS, RESOLUTION, OUTSIDE = 360, 0.1, -77.0
+
+
+class World:
+    """A table of random codes: the scores need to know nothing of geometry."""
+
+    def __init__(self, seed: int, n: int = 600, beams: int = 9) -> None:
+        rng = np.random.default_rng(seed)
+        self.row_of_cell = np.full((30, 40), -1, np.int32)
+        open_cells = rng.choice(1200, 900, replace=False)
+        self.row_of_cell.reshape(-1)[open_cells] = np.arange(900)
+        self.table = rng.integers(0, 256, (900, HEADINGS)).astype(np.uint8)
+        self.offsets = np.sort(rng.choice(180, beams, replace=False)).astype(np.int32)
+        self.rows = np.concatenate([self.table, self.table[:, : self.offsets.max()]], axis=1)
+        self.log_likelihood = rng.normal(-3, 2, (beams, 256)).astype(np.float32)
+        self.laser = (0.25, -0.06, -1.2)
+        self.poses = rng.uniform([-0.5, -0.5, -np.pi], [4.5, 3.5, np.pi], (n, 3)).astype(np.float32)
+
+    def place(self) -> tuple:
+        laser = [np.float32(v) for v in self.laser]
+        return (*laser, np.float32(1 / RESOLUTION), HEADINGS, self.row_of_cell)
+
+    def scores(self, work: int = 0) -> np.ndarray:
+        out = np.empty(len(self.poses), np.float32)
+        x, y, theta = np.ascontiguousarray(self.poses.T)
+        table = self.rows, self.offsets, self.log_likelihood, np.float32(OUTSIDE)
+        scoring.score(work, x, y, theta, *self.place(), *table, out)
+        return out
+
+    def twin_places(self) -> list[tuple[int, int, float]]:
+        return [reference.table_place(p, self.laser, RESOLUTION, HEADINGS, self.row_of_cell) for p in self.poses]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_score(seed: int) -> None:
+    world = World(seed)
+    found = world.scores()
+    decided = 0
+    for score, (row, heading, undecided) in zip(found, world.twin_places(), strict=True):
+        if undecided < 1e-3:  # single precision decides which cell or heading it is
+            continue
+        decided += 1
+        expected = reference.score(row, heading, world.table, world.offsets, world.log_likelihood, OUTSIDE)
+        assert score == pytest.approx(expected, abs=1e-3)
+    assert decided > 0.98 * len(found)
+    assert (found == OUTSIDE).any()
+    assert (found != OUTSIDE).any()
+
+
+def test_score_is_the_same_with_all_threads() -> None:
+    world = World(9, n=5001)
+    np.testing.assert_array_equal(world.scores(), world.scores(work=10**9))
+
+
+def test_headings_go_round() -> None:
+    """Headings that are whole turns apart look into the same place, at both ends of the circle too."""
+    world = World(3, n=1)
+    spot = np.argwhere(world.row_of_cell >= 0)[50][::-1] * RESOLUTION + RESOLUTION / 2
+    for degrees in (-180.0, -179.6, -0.4, 0.0, 0.4, 179.4, 179.6):
+        theta = np.float32(math.radians(degrees))
+        place = (np.float32(0), np.float32(0), np.float32(0), np.float32(1 / RESOLUTION), HEADINGS, world.row_of_cell)
+        row, heading = scoring.look_up(np.float32(spot[0]), np.float32(spot[1]), theta, *place)
+        assert row == world.row_of_cell[int(spot[1] / RESOLUTION), int(spot[0] / RESOLUTION)]
+        assert heading == math.floor(degrees + 0.5) % HEADINGS
+
+
+@pytest.mark.parametrize("pose", [(math.nan, 1.0, 0.0), (math.inf, 1.0, 0.0), (1e30, -1e30, 0.0), (-0.01, 1.0, 0.0)])
+def test_poses_that_are_nowhere_are_outside(pose) -> None:
+    world = World(3)
+    laser = np.float32(0), np.float32(0), np.float32(0)
+    place = (*laser, np.float32(1 / RESOLUTION), HEADINGS, world.row_of_cell)
+    row, _ = scoring.look_up(*(np.float32(v) for v in pose), *place)
+    assert row == -1
+
+
+def test_score_codes() -> None:
+    rng = np.random.default_rng(1)
+    codes = rng.integers(0, 256, (400, 7)).astype(np.uint8)
+    codes[::10] = 0  # a laser within an obstacle sees nothing but zeros
+    codes[5, :6] = 0  # a laser close to one does not
+    log_likelihood = rng.normal(-3, 2, (7, 256)).astype(np.float32)
+    expected = log_likelihood[np.arange(7), codes].astype(float).sum(axis=1)
+    expected[::10] = OUTSIDE
+    for work in (0, 10**9):
+        out = np.empty(400, np.float32)
+        scoring.score_codes(work, codes, log_likelihood, np.float32(OUTSIDE), out)
+        np.testing.assert_allclose(out, expected, atol=1e-4)

@@ -1,0 +1,242 @@
+"""The slow, obvious twin of every kernel and formula: plain Python and NumPy, written from the books."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+
+# --- random numbers --------------------------------------------------------------------------------------------------
+
+_MASK = (1 << 64) - 1
+_GOLDEN = 0x9E3779B97F4A7C15
+
+
+def random_bits(key: int, index: int) -> int:
+    """SplitMix64 with Python's unbounded integers: 64 bits from a key and a counter."""
+    z = (int(key) + (index + 1) * _GOLDEN) & _MASK
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return z ^ (z >> 31)
+
+
+def uniforms(key: int, n: int) -> np.ndarray:
+    """The upper 53 bits as a fraction."""
+    return np.array([(random_bits(key, i) >> 11) / 2**53 for i in range(n)])
+
+
+# --- true ranges -----------------------------------------------------------------------------------------------------
+
+
+def ray(opaque, x: float, y: float, angle: float, max_range: float) -> tuple[float, int]:
+    """Every border of the grid that the ray crosses, sorted; the middle of each piece tells the cell it lies in.
+
+    Returns (range in cells, value of the cell that stops the ray); (inf, 0) where none does.
+    """
+    height, width = opaque.shape
+    if not (0 <= x < width and 0 <= y < height):
+        return math.inf, 0
+    if opaque[int(y), int(x)]:
+        return 0.0, int(opaque[int(y), int(x)])
+    direction = math.cos(angle), math.sin(angle)
+    crossings = [np.zeros(1)]
+    for start, slope, borders in ((x, direction[0], width), (y, direction[1], height)):
+        if slope != 0.0:
+            crossings.append((np.arange(borders + 1) - start) / slope)
+    at = np.sort(np.concatenate(crossings))
+    at = at[at >= 0.0]
+    for near, far in itertools.pairwise(at):
+        middle = (near + far) / 2
+        col, row = math.floor(x + middle * direction[0]), math.floor(y + middle * direction[1])
+        if near > max_range or not (0 <= col < width and 0 <= row < height):
+            break
+        if opaque[row, col]:
+            return float(near), int(opaque[row, col])
+    return math.inf, 0
+
+
+def line(col: int, row: int, end_col: int, end_row: int) -> list[tuple[int, int]]:
+    """Bresenham's cells by rounding: one for each step of the longer axis, halves rounded away from the start."""
+    across, up = end_col - col, end_row - row
+    long, short = max(abs(across), abs(up)), min(abs(across), abs(up))
+    sign = (1 if across >= 0 else -1), (1 if up >= 0 else -1)
+    cells = []
+    for k in range(long + 1):
+        aside = (2 * k * short + long) // (2 * long) if long else 0
+        along = (k, aside) if abs(across) >= abs(up) else (aside, k)
+        cells.append((col + sign[0] * along[0], row + sign[1] * along[1]))
+    return cells
+
+
+def ray_bresenham(opaque, x: float, y: float, angle: float, max_range: float) -> tuple[float, int]:
+    """From cell to cell along Bresenham's line; the range ends at the centre of the cell that stops it."""
+    height, width = opaque.shape
+    start = math.floor(x), math.floor(y)
+    end = math.floor(x + max_range * math.cos(angle)), math.floor(y + max_range * math.sin(angle))
+    for col, row in line(*start, *end):
+        if not (0 <= col < width and 0 <= row < height):
+            break
+        if opaque[row, col]:
+            return math.dist(start, (col, row)), int(opaque[row, col])
+    return math.inf, 0
+
+
+def around(opaque, x, y, angle, max_range, *, sideways: float, turned: float = 0.0) -> tuple[float, float]:
+    """Shortest and longest range of the rays beside this one: what it may see if its place is only roughly known."""
+    seen = [
+        ray(opaque, x - s * math.sin(a), y + s * math.cos(a), a, max_range)[0]
+        for a in (angle - turned, angle, angle + turned)
+        for s in (-sideways, 0.0, sideways)
+    ]
+    return min(seen), max(seen)
+
+
+def encode(distance: float, kind: int, max_range: float, log_offset: float, hit_codes: int, unknown_codes: int) -> int:
+    """The code whose place on the logarithmic scale is nearest; 1 = occupied, anything else is unknown land."""
+    if math.isinf(distance):
+        return 255
+    share = min(math.log(1 + distance / log_offset) / math.log(1 + max_range / log_offset), 1.0)
+    first, codes = (0, hit_codes) if kind == 1 else (hit_codes, unknown_codes)
+    places = np.arange(codes) / (codes - 1)
+    return first + int(np.argmin(np.abs(places - share)))
+
+
+# --- motion ----------------------------------------------------------------------------------------------------------
+
+
+def deviations(rot1: float, trans: float, rot2: float, alphas) -> tuple[float, float, float]:
+    """Standard deviations of Table 5.6's three draws, from its lines 5 to 7."""
+    a1, a2, a3, a4 = alphas
+    return (
+        math.sqrt(a1 * rot1**2 + a2 * trans**2),
+        math.sqrt(a3 * trans**2 + a4 * rot1**2 + a4 * rot2**2),
+        math.sqrt(a1 * rot2**2 + a2 * trans**2),
+    )
+
+
+def move(poses, motion, std, key: int, quantiles) -> np.ndarray:
+    """Table 5.6, one particle at a time in double precision: ``poses`` (n, 3) -> (n, 3), yaw in [-pi, pi)."""
+    moved = np.empty(poses.shape)
+    for i, (x, y, theta) in enumerate(poses.astype(float)):
+        bits = random_bits(key, i)
+        draws = [float(quantiles[(bits >> shift) & 0xFFFF]) for shift in (0, 16, 32)]
+        rot1, trans, rot2 = (m + s * d for m, s, d in zip(motion, std, draws, strict=True))
+        moved[i] = x + trans * math.cos(theta + rot1), y + trans * math.sin(theta + rot1), theta + rot1 + rot2
+    moved[:, 2] = np.mod(moved[:, 2] + np.pi, 2 * np.pi) - np.pi
+    return moved
+
+
+# --- the sensor model ------------------------------------------------------------------------------------------------
+
+
+def beam_density(z, z_star, max_range, *, hit, short, rand, sigma, rate, long=0.0, long_rate=1.0) -> float:
+    """Table 6.1 for one reading that came back, integrals by the error function; z* = inf: nothing stops the ray."""
+    density = rand / max_range
+    if math.isinf(z_star):
+        return density + short * rate * math.exp(-rate * z) / (1 - math.exp(-rate * max_range))
+
+    def below(limit):
+        return 0.5 * (1 + math.erf((limit - z_star) / (sigma * math.sqrt(2))))
+
+    density += (
+        hit
+        * math.exp(-((z - z_star) ** 2) / (2 * sigma**2))
+        / math.sqrt(2 * math.pi * sigma**2)
+        / (below(max_range) - below(0.0))
+    )
+    if z <= z_star:
+        density += short * rate * math.exp(-rate * z) / (1 - math.exp(-rate * z_star))
+    elif long:
+        density += (
+            long * long_rate * math.exp(-long_rate * (z - z_star)) / (1 - math.exp(-long_rate * (max_range - z_star)))
+        )
+    return density
+
+
+def table_place(pose, laser, resolution, headings, row_of_cell) -> tuple[int, int, float]:
+    """Row and heading of the table for a robot pose, and how near (cells or headings) it is to another one."""
+    x, y, theta = (float(v) for v in pose)
+    at = (
+        (x + math.cos(theta) * laser[0] - math.sin(theta) * laser[1]) / resolution,
+        (y + math.sin(theta) * laser[0] + math.cos(theta) * laser[1]) / resolution,
+    )
+    turn = (theta + laser[2]) * headings / (2 * math.pi)
+    undecided = min(abs(v - round(v)) for v in (*at, turn + 0.5))
+    height, width = row_of_cell.shape
+    col, row = math.floor(at[0]), math.floor(at[1])
+    inside = 0 <= col < width and 0 <= row < height
+    return (int(row_of_cell[row, col]) if inside else -1), math.floor(turn + 0.5) % headings, undecided
+
+
+def score(row: int, heading: int, table, offsets, log_likelihood, outside: float) -> float:
+    """Sum over beams of the log-likelihood of what the table says each of them should see; ``table`` unpadded."""
+    if row < 0:
+        return outside
+    headings = table.shape[1]
+    return sum(float(log_likelihood[k, table[row, (heading + o) % headings]]) for k, o in enumerate(offsets))
+
+
+# --- resampling ------------------------------------------------------------------------------------------------------
+
+
+def low_variance(weights, start: float, m: int) -> list[int]:
+    """Table 4.4: for every tick of the comb, the first particle whose cumulative weight exceeds it."""
+    return [_at(weights, (start + j) / m) for j in range(m)]
+
+
+def multinomial(weights, uniform_draws) -> list[int]:
+    """Each draw on its own."""
+    return [_at(weights, u) for u in uniform_draws]
+
+
+def _at(weights, target: float) -> int:
+    cumulative, chosen = 0.0, 0
+    for i, weight in enumerate(weights):
+        cumulative += weight
+        if weight > 0.0:
+            chosen = i
+        if cumulative > target:
+            break
+    return chosen
+
+
+# --- the belief ------------------------------------------------------------------------------------------------------
+
+
+def bins(poses, weights, size: float, turns: int) -> dict[tuple[int, int, int], tuple[float, list[int]]]:
+    """(column, row, turn) -> (weight, indices of the particles), in the order in which particles come upon them."""
+    found: dict[tuple[int, int, int], tuple[float, list[int]]] = {}
+    for i, (x, y, theta) in enumerate(poses.astype(float)):
+        key = math.floor(x / size), math.floor(y / size), math.floor((theta + math.pi) / (2 * math.pi) * turns) % turns
+        weight, members = found.get(key, (0.0, []))
+        found[key] = weight + weights[i], [*members, i]
+    return found
+
+
+def clusters(found, turns: int, floor: float) -> list[set[tuple[int, int, int]]]:
+    """Flood fill over the heavy enough bins, through all 26 neighbours; headings go round."""
+    left = {key for key, (weight, _) in found.items() if weight >= floor}
+    groups = []
+    while left:
+        group, edge = set(), [left.pop()]
+        while edge:
+            col, row, turn = edge.pop()
+            group.add((col, row, turn))
+            near = {
+                (col + i, row + j, (turn + k) % turns) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)
+            } & left
+            left -= near
+            edge.extend(near)
+        groups.append(group)
+    return groups
+
+
+def moments(poses, weights) -> tuple[float, np.ndarray, np.ndarray]:
+    """Weight, mean and covariance of some particles; headings are unrolled about the first one."""
+    poses = poses.astype(float).copy()
+    turn = poses[:, 2] - poses[0, 2]
+    poses[:, 2] = poses[0, 2] + np.mod(turn + np.pi, 2 * np.pi) - np.pi
+    mean = np.average(poses, axis=0, weights=weights)
+    covariance = np.cov(poses.T, aweights=weights, bias=True) if len(poses) > 1 else np.zeros((3, 3))
+    return float(np.sum(weights)), mean, covariance
