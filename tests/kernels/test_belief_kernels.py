@@ -35,7 +35,7 @@ def test_weights_from_likelihoods(n: int) -> None:
         assert largest.max() == log_weights.max()
         belief.exponentiate(work, log_weights, float(largest.max()), weights, sums)
         total, squares = sums.sum(axis=0)
-        belief.rescale(work, log_weights, weights, float(largest.max()) + math.log(total), 1 / total, largest)
+        belief.rescale(work, log_weights, weights, float(largest.max()) + math.log(total), 1 / total, blocks(n))
         np.testing.assert_allclose(log_weights, expected, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(weights, np.exp(expected), rtol=1e-9, atol=1e-300)
         assert squares / total**2 == pytest.approx(np.sum(np.exp(2 * expected)))
