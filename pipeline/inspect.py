@@ -266,11 +266,10 @@ def _events(table: pa.Table | None) -> tuple[RecordedEvent, ...]:
 def _timings(table: pa.Table | None) -> tuple[str, dict[str, float]]:
     if table is None:
         return "", {}
-    names = [row[0] for row in table[f"{entities.TIMING_TYPE}:name"].to_pylist()]
-    clock = table[entities.LOG_TIME].cast(pa.int64()).to_pylist()
-    start = clock[names.index("")]
-    started = str(np.datetime64(start, "ns").astype("datetime64[s]")) + "Z"
-    return started, {n: (at - start) / 1e9 for n, at in zip(names, clock, strict=True) if n}
+    _, *names = (row[0] for row in table[f"{entities.TIMING_TYPE}:name"].to_pylist())
+    clock = table[entities.LOG_TIME].cast(pa.int64()).to_numpy()
+    started = str(np.datetime64(int(clock[0]), "ns").astype("datetime64[s]")) + "Z"
+    return started, dict(zip(names, (np.diff(clock) / 1e9).tolist(), strict=True))
 
 
 def _sorted_rows(table: pa.Table | None, timeline: str) -> pa.Table | None:

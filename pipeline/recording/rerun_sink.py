@@ -101,16 +101,16 @@ class RerunSink:
     def finish(self, summary: dict[str, Any]) -> None:
         """Adds what is known only at the end: JSON-like figures, and under "timings" wall times in seconds by name.
 
-        Wall times differ between equal runs. They are stored as places on the wall-clock timeline, counted
-        from its first row, which has no name: ``rerun rrd compare`` leaves that timeline out, so that equal
-        runs compare as equal.
+        Wall times differ between equal runs. They are stored on the wall-clock timeline, which ``rerun rrd
+        compare`` leaves out, so that equal runs compare as equal: a first row without a name, then the parts
+        laid end to end, each at its end. So the rows, which rerun sorts by time, keep their order.
         """
         self._flush()
         timings = summary.get("timings", {})
         figures = {key: value for key, value in summary.items() if key != "timings"}
         self._property(entities.PROPERTY_RESULT, {"figures": json.dumps(figures, default=_plain, allow_nan=True)})
         self._document(entities.RESULT, documents.result(figures))
-        took = np.array([0, *(round(float(seconds) * 1e9) for seconds in timings.values())], "timedelta64[ns]")
+        took = np.array([0, *(round(float(seconds) * 1e9) for seconds in timings.values())], "timedelta64[ns]").cumsum()
         columns = rr.DynamicArchetype.columns(entities.TIMING_TYPE, components={"name": ["", *timings]})
         clock = rr.TimeColumn(entities.LOG_TIME, timestamp=self._started + took)
         self._stream.send_columns(entities.TIMINGS, [clock], columns)

@@ -4,19 +4,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pytest
-from synthetic import drive, steps
+from synthetic import DENSITY, drive, steps
 
 from pipeline.config import Config
 from pipeline.filter.step import Step
 from pipeline.logs.messages import Log
 from pipeline.recording.rerun_sink import RerunSink
 from pipeline.recording.rrd_file import read_rrd
-
-Z = np.linspace(0.0, 10.0, 101)
-DENSITY = (Z, np.exp(-0.5 * (Z - 4.0) ** 2), 4.0)
 
 
 def values(column: Any) -> list[Any]:

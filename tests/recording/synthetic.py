@@ -13,6 +13,8 @@ from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 LASER = Laser((0.25, 0.0, 0.0), -np.pi / 2, np.pi / 180, beams=180, range_min=0.0, range_max=20.0)
+Z = np.linspace(0.0, 10.0, 101)
+DENSITY = (Z, np.exp(-0.5 * (Z - 4.0) ** 2), 4.0)
 
 
 def building(origin: Pose = (0.0, 0.0, 0.0)) -> OccupancyGrid:

@@ -9,8 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import DENSITY
-from synthetic import drive, steps
+from synthetic import DENSITY, drive, steps
 
 from pipeline.config import Config
 from pipeline.recording import rerun_sink
