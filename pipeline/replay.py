@@ -15,11 +15,14 @@ from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
 from pipeline.localize import RunResult, localize
-from pipeline.logs.messages import Log, Scan
+from pipeline.logs.messages import Log, Scan, Trajectory
+from pipeline.logs.tum import write_tum
 from pipeline.recording.run_folder import RunFolder
 
 if TYPE_CHECKING:
     from pipeline.recording.rerun_sink import Density, RerunSink
+
+HINDSIGHT = "hindsight.tum"
 
 
 class Progress(Protocol):
@@ -88,12 +91,14 @@ def replay(
     record: bool = True,
     progress: Progress | None = None,
 ) -> Replay:
-    """Localize the log and fill the folder: config.yaml, run.rrd if ``record``, trajectory.tum, run.json.
+    """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures.
 
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
     is to blame (MclError) nothing can be learnt from it, and the folder is removed.
     """
     try:
+        if log.grid is None:  # the recording would miss it first, and cannot say how to give one
+            raise MclError("the log has no map", "give one with --map", path=log.path)
         folder.write_config(config)
         with ExitStack() as stack:
             sinks: list[RerunSink] = []
@@ -115,6 +120,8 @@ def replay(
         raise
     run = Replay(folder, log, seed, result, _score(log, result), seconds, record)
     folder.write_trajectory(result.trajectory)
+    if result.hindsight is not None:
+        write_tum(folder.path / HINDSIGHT, Trajectory(result.stamps, result.hindsight))
     folder.write_run(run.to_dict())
     return run
 

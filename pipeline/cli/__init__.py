@@ -34,7 +34,7 @@ class _Commands(TyperGroup):
             place = f"{error.filename}: " if error.filename else ""
             console.error(f"{place}{error.strerror or error}")
         except MemoryError as error:
-            console.error(f"not enough memory: {error or 'fewer particles or a smaller map may do'}")
+            console.error(f"not enough memory: {str(error) or 'fewer particles may do'}")
         except KeyboardInterrupt:
             console.error("interrupted")
             raise typer.Exit(INTERRUPTED) from None

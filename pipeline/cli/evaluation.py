@@ -10,7 +10,16 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import percent
-from pipeline.cli.parameters import ConfigOption, JsonOption, LogArguments, MapOption, SetOption, open_log
+from pipeline.cli.parameters import (
+    ConfigOption,
+    JsonOption,
+    LogArguments,
+    MapOption,
+    ParticlesOption,
+    SetOption,
+    effective_config,
+    open_log,
+)
 from pipeline.errors import MclError
 
 if TYPE_CHECKING:
@@ -38,6 +47,7 @@ def evaluate(
     map_path: MapOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
+    particles: ParticlesOption = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as cores if not given.")] = None,
     kidnapped_at: Annotated[
         list[float] | None,
@@ -55,14 +65,13 @@ def evaluate(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Localize logs with many seeds and score every run against the truth."""
+    """Localize with many seeds and score every run against the truth."""
     if plot is not None:
         _check_plot(plot)
     from pipeline import evaluate as evaluation
-    from pipeline.config import load_config
     from pipeline.logs.tum import read_tum
 
-    effective = load_config(config, settings or ())
+    effective = effective_config(config, settings, particles)
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
     done = evaluation.evaluate(
         [open_log(log, map_path) for log in logs],

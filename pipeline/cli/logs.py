@@ -89,7 +89,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, help="Another seed, another drive.")] = 0,
     force: ForceOption = False,
 ) -> None:
-    """Drive through a made-up building: a raw log, its map, and the truth."""
+    """Drive through a made-up building: raw log, map, and truth."""
     from pipeline.simulate import load_building
     from pipeline.simulate import simulate as simulate_drive
 

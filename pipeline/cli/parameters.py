@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pipeline import console
 
 if TYPE_CHECKING:
+    from pipeline.config import Config
     from pipeline.logs.messages import Log
 
 LogArgument = Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log, as `mcl convert` writes it.")]
@@ -26,6 +27,9 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="A parameter; may be given several times."),
 ]
+ParticlesOption = Annotated[
+    int | None, typer.Option(metavar="N", help="Use so many particles, from the start to the end.")
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
 
@@ -41,12 +45,22 @@ def open_log(path: Path, map_path: Path | None) -> Log:
     return read_log(path, read_map(map_path))
 
 
+def effective_config(source: str | None, settings: list[str] | None, particles: int | None, **flags: Any) -> Config:
+    """What --config, --set and the flags amount to."""
+    from pipeline.config import Config, load_config
+
+    flags["max_particles"] = particles
+    if "min_particles" in Config.model_fields:
+        flags["min_particles"] = particles
+    return load_config(source, settings or (), **flags)
+
+
 def config(
     source: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset or a YAML file.")] = None,
     settings: SetOption = None,
     presets: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
 ) -> None:
-    """Show the effective configuration as YAML, every parameter with what it means."""
+    """Show every parameter, its effective value and what it means."""
     from pipeline.config import Config, dump_config, load_config, preset_names
 
     if presets:

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns, facts, percent
-from pipeline.cli.parameters import ConfigOption, JsonOption, LogArgument, MapOption, SetOption, open_log
+from pipeline.cli.parameters import (
+    ConfigOption,
+    JsonOption,
+    LogArgument,
+    MapOption,
+    ParticlesOption,
+    SetOption,
+    effective_config,
+    open_log,
+)
 
 if TYPE_CHECKING:
     from pipeline.config import Config
@@ -44,7 +53,7 @@ def localize(
     settings: SetOption = None,
     seed: SeedOption = 0,
     threads: ThreadsOption = None,
-    particles: Annotated[int | None, typer.Option(help="Use so many particles, from the start to the end.")] = None,
+    particles: ParticlesOption = None,
     init: Annotated[
         str | None, typer.Option(metavar="WHERE", help="Where the search begins; see `init` in `mcl config`.")
     ] = None,
@@ -58,17 +67,13 @@ def localize(
     record: Annotated[bool, typer.Option("--record/--no-record", help="Write a recording.")] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the robot: write a recording, the trajectory, and what came out."""
-    from pipeline.config import Config, load_config
+    """Find the robot: recording, trajectory, and what came out."""
     from pipeline.recording.run_folder import create
 
     start = _pose(pose)
     if start is not None and init not in (None, "pose"):
         raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
-    flags: dict[str, Any] = {"init": "pose" if start else init, "initial_pose": start, "max_particles": particles}
-    if "min_particles" in Config.model_fields:
-        flags["min_particles"] = particles
-    effective = load_config(config, settings or (), **flags)
+    effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     opened = open_log(log, map_path)
     run = _run(opened, effective, create(opened.name, output), seed=seed, threads=threads, record=record)
     if as_json:
@@ -79,7 +84,7 @@ def localize(
 
 
 def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:
-    """Find the robot in the embedded building: the whole way from raw log to recording, in a fresh folder."""
+    """Find the robot in the embedded building, raw log to recording."""
     from converters import convert
     from pipeline.config import load_config
     from pipeline.logs.reader import read_log
@@ -110,7 +115,7 @@ def inspect(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Read a recording back, without a viewer: what ran, what happened, where the robot was."""
+    """Read a recording back, without a viewer."""
     from dataclasses import asdict
 
     from pipeline.inspect import export_trajectory
@@ -178,4 +183,7 @@ def _against_truth(score: Score | None) -> list[tuple[str, str]]:
     if position is not None and heading is not None:
         rows.append(("true: error since", f"{position.median:.2f} m, {heading.median:.1f} deg (median)"))
         rows.append(("true: 95 % below", f"{position.p95:.2f} m, {heading.p95:.1f} deg"))
-    return [*rows, ("true: error at the end", f"{score.end_position_error:.2f} m, {score.end_heading_error:.1f} deg")]
+    rows.append(("true: error at the end", f"{score.end_position_error:.2f} m, {score.end_heading_error:.1f} deg"))
+    if score.hindsight_ate is not None:
+        rows.append(("true: error in hindsight", f"{score.hindsight_ate:.2f} m (RMSE over all scans)"))
+    return rows

@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import FEW, Command, Journey
+
+from pipeline.simulate import sample_dir
+
+
+@pytest.fixture(scope="session")
+def mcl(tmp_path_factory: pytest.TempPathFactory) -> Command:
+    """Runs `mcl` as a user would, in a process of its own and a folder of the session's."""
+    home = tmp_path_factory.mktemp("home")
+
+    def run(*args: object, code: int | None = 0, cwd: Path = home) -> subprocess.CompletedProcess[str]:
+        done = subprocess.run(
+            [sys.executable, "-m", "pipeline.cli", *map(str, args)],
+            cwd=cwd,
+            env=os.environ | {"NO_COLOR": "1"},
+            capture_output=True,
+            text=True,
+            timeout=570,
+        )
+        assert "Traceback" not in done.stderr
+        assert code is None or done.returncode == code, done.stderr
+        return done
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def journey(mcl: Command, tmp_path_factory: pytest.TempPathFactory) -> Journey:
+    """Another drive through the sample's building, simulated, converted and localized on one thread."""
+    folder = tmp_path_factory.mktemp("journey")
+    raw, log, run = folder / "raw", folder / "drive.mcap", folder / "run"
+    said = mcl("simulate", sample_dir() / "building.yaml", "-o", raw, "--seed", 5).stdout
+    truth = ("--ground-truth", raw / "office_truth.tum")
+    mcl("convert", raw / "office.log.gz", "--map", raw / "office.dat.gz", *truth, "-o", log)
+    mcl("localize", log, *FEW, "--seed", 1, "--threads", 1, "-o", run)
+    return Journey(said, raw, log, run)

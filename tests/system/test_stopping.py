@@ -1,0 +1,55 @@
+"""A run that is stopped half-way leaves a recording that is whole as far as it goes, and no traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from commands import Command, Journey
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_run_can_be_inspected(
+    sent: signal.Signals, code: int, mcl: Command, journey: Journey, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
+    slow = ("--set", "max_particles=300000", "--set", "record_particles=200")
+    command = [sys.executable, "-m", "pipeline.cli", "localize", str(journey.log), *slow, "-o", str(folder)]
+    # Its own group: a Ctrl-C of the test's must not end the tests.
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        wait_for_a_batch(folder / "run.rrd", process)
+        os.kill(process.pid, sent)
+        stdout, stderr = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == code, stderr
+    assert stdout == ""
+    assert "Traceback" not in stderr
+    assert f"recorded until then: {folder / 'run.rrd'}" in stderr
+    assert {path.name for path in folder.iterdir()} == {"run.rrd", "config.yaml"}
+    told = json.loads(mcl("inspect", folder, "--json").stdout)
+    assert told["damage"] is None
+    assert 0 < told["scans"] < told["log_scans"]
+
+
+def wait_for_a_batch(recording: Path, process: subprocess.Popen[str]) -> None:
+    """Until the recording has grown past its preamble: the run is in the middle of the log then."""
+    preamble = None
+    while process.poll() is None:
+        size = recording.stat().st_size if recording.exists() else 0
+        if size and preamble is None:
+            time.sleep(0.3)
+            preamble = recording.stat().st_size
+        elif preamble is not None and size > preamble:
+            return
+        time.sleep(0.02)
+    raise AssertionError("the run ended before it could be stopped")

@@ -1,0 +1,135 @@
+"""From a building's description to a scored recording, command by command, each in its own process."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import FEW, Command, Journey
+
+from pipeline.config import load_config
+from pipeline.logs.tum import read_tum
+
+
+def test_simulate_ends_with_the_paths_of_what_it_wrote(journey: Journey) -> None:
+    assert sorted(map(Path, journey.simulated.splitlines())) == sorted(journey.raw.iterdir())
+
+
+def test_convert_says_what_it_converted_and_ends_with_the_path(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    out = tmp_path / "a.mcap"
+    done = mcl("convert", journey.raw / "office.log.gz", "-o", out)
+    assert done.stdout == f"{out}\n"
+    for word in ("format", "cmu", "lines", "scans", "duration", "dropped", "size"):
+        assert word in done.stderr
+
+
+def test_a_run_folder_holds_its_four_files(journey: Journey) -> None:
+    files = {path.name for path in journey.run.iterdir()} - {"hindsight.tum"}
+    assert files == {"run.rrd", "trajectory.tum", "config.yaml", "run.json"}
+    assert load_config(journey.run / "config.yaml").max_particles == 3000
+    run = json.loads((journey.run / "run.json").read_text())
+    assert run["seed"] == 1
+    assert run["log"]["scans"] == len(read_tum(journey.run / "trajectory.tum").stamps)
+    assert set(run) == {"log", "seed", "figures", "truth", "seconds", "speed", "versions"}
+
+
+def test_the_trajectory_has_a_row_per_scan_at_the_stamp_of_the_scan(journey: Journey) -> None:
+    truth = read_tum(journey.raw / "office_truth.tum")
+    assert (read_tum(journey.run / "trajectory.tum").stamps == truth.stamps).all()
+
+
+def test_inspect_tells_of_the_run(mcl: Command, journey: Journey) -> None:
+    said = mcl("inspect", journey.run).stdout
+    for word in ("seed", "converged", "events", "started", "/world/particles"):
+        assert word in said
+    told = json.loads(mcl("inspect", journey.run / "run.rrd", "--json").stdout)
+    assert told["seed"] == 1
+    assert told["scans"] == told["log_scans"] == json.loads((journey.run / "run.json").read_text())["log"]["scans"]
+
+
+def test_inspect_says_where_the_robot_was(mcl: Command, journey: Journey) -> None:
+    pose = json.loads(mcl("inspect", journey.run, "--at", "12.5", "--json").stdout)
+    trajectory = read_tum(journey.run / "trajectory.tum")
+    row = int(((trajectory.stamps - trajectory.stamps[0]) / 1e9 <= 12.5).sum()) - 1
+    assert pose["scan"] == row
+    assert [pose["x"], pose["y"], pose["yaw"]] == pytest.approx(trajectory.poses[row].tolist(), abs=1e-8)
+    assert f"scan {row}: x {pose['x']:.3f} m" in mcl("inspect", journey.run, "--at", "12.5").stdout
+
+
+def test_the_recording_gives_the_trajectory_back_to_the_byte(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    out = tmp_path / "again.tum"
+    assert mcl("inspect", journey.run, "--export", out).stdout == f"{out}\n"
+    assert out.read_bytes() == (journey.run / "trajectory.tum").read_bytes()
+
+
+def test_export_gives_the_raw_files_back_to_the_byte(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    done = mcl("export", journey.log, "--raw", tmp_path)
+    log, grid = (Path(line).read_bytes() for line in done.stdout.splitlines())
+    assert log == gzip.decompress((journey.raw / "office.log.gz").read_bytes())
+    assert grid == gzip.decompress((journey.raw / "office.dat.gz").read_bytes())
+
+
+def test_the_same_seed_gives_the_same_bytes_on_two_threads(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    again, other = tmp_path / "again", tmp_path / "other"
+    mcl("localize", journey.log, *FEW, "--seed", 1, "--threads", 2, "-o", again)
+    mcl("localize", journey.log, *FEW, "--seed", 2, "--no-record", "-o", other)
+    ours = (journey.run / "trajectory.tum").read_bytes()
+    assert (again / "trajectory.tum").read_bytes() == ours
+    assert (other / "trajectory.tum").read_bytes() != ours
+    assert not (other / "run.rrd").exists()
+    rerun = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    if rerun is None:
+        pytest.skip("no rerun program beside this Python")
+    compared = subprocess.run(
+        [rerun, "rrd", "compare", journey.run / "run.rrd", again / "run.rrd"], capture_output=True, text=True
+    )
+    assert compared.returncode == 0, compared.stderr
+
+
+def test_localize_reports_the_run_and_ends_with_its_folder(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    done = mcl("localize", journey.log, *FEW, cwd=tmp_path)
+    folder = tmp_path / done.stdout.strip()
+    assert folder.parent == tmp_path / "recordings" / "drive"
+    assert (folder / "run.rrd").is_file()
+    for word in ("seed 0", "scans", "converged", "end pose", "explained", "true:", "wall time", "real time"):
+        assert word in done.stderr
+    assert done.stderr.splitlines()[-1] == f"look at it: rerun {folder.relative_to(tmp_path) / 'run.rrd'}"
+
+
+def test_a_start_near_the_truth_stays_there_and_json_is_all_that_stdout_gets(
+    mcl: Command, journey: Journey, tmp_path: Path
+) -> None:
+    truth = read_tum(journey.raw / "office_truth.tum")
+    x, y, yaw = truth.poses[0].tolist()
+    start = (f"--pose={x},{y},{yaw}", "--map", journey.raw / "office.dat.gz")
+    done = mcl("localize", journey.log, *FEW, *start, "--no-record", "--json", "-o", tmp_path / "run")
+    told = json.loads(done.stdout)
+    assert told.pop("folder") == str(tmp_path / "run")
+    assert told == json.loads((tmp_path / "run" / "run.json").read_text())
+    assert load_config(tmp_path / "run" / "config.yaml").init == "pose"
+    found = read_tum(tmp_path / "run" / "trajectory.tum")
+    assert found.poses[0, :2] == pytest.approx(truth.poses[0, :2], abs=0.5)
+
+
+def test_evaluate_scores_seeds_and_draws_them(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    picture = tmp_path / "e.png"
+    truth = ("--reference", journey.raw / "office_truth.tum")
+    few = ("--particles", 2000, "--runs", 2, "--jobs", 2)
+    done = mcl("evaluate", journey.log, *truth, *few, "--plot", picture, "--json")
+    told = json.loads(done.stdout)["logs"]["drive"]
+    assert told["runs"] == len(told["seeds"]) == 2
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.iterdir()) == [picture]
+
+
+def test_a_requested_limit_that_fails_is_exit_code_3(mcl: Command, journey: Journey) -> None:
+    lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", "--particles", 10)
+    done = mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0.95", code=3)
+    assert "drive" in done.stdout
+    assert done.stderr == "error: drive: 0 of 1 runs succeeded, 95 % required\n"
+    assert mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0").stderr == ""
