@@ -177,6 +177,15 @@ def score(row: int, heading: int, table, offsets, log_likelihood, outside: float
     return sum(float(log_likelihood[k, table[row, (heading + o) % headings]]) for k, o in enumerate(offsets))
 
 
+def standing(cell: int, heading: int, laser_in_robot, headings: int, allowed) -> bool:
+    """Whether the robot's centre is in an allowed cell when its laser is in the middle of this one; laser in cells."""
+    height, width = allowed.shape
+    yaw = 2 * math.pi * heading / headings - laser_in_robot[2]
+    x = cell % width + 0.5 - math.cos(yaw) * laser_in_robot[0] + math.sin(yaw) * laser_in_robot[1]
+    y = cell // width + 0.5 - math.sin(yaw) * laser_in_robot[0] - math.cos(yaw) * laser_in_robot[1]
+    return 0 <= x < width and 0 <= y < height and bool(allowed[math.floor(y), math.floor(x)])
+
+
 # --- resampling ------------------------------------------------------------------------------------------------------
 
 
@@ -240,3 +249,18 @@ def moments(poses, weights) -> tuple[float, np.ndarray, np.ndarray]:
     mean = np.average(poses, axis=0, weights=weights)
     covariance = np.cov(poses.T, aweights=weights, bias=True) if len(poses) > 1 else np.zeros((3, 3))
     return float(np.sum(weights)), mean, covariance
+
+
+# --- hindsight -------------------------------------------------------------------------------------------------------
+
+
+def predecessor_densities(poses, at, moved, std, jump: float) -> np.ndarray:
+    """How likely each pose (n, 3) led to ``at`` by the move: Gaussian in the earlier pose's frame, or a jump."""
+    densities = []
+    for x, y, theta in poses.astype(float):
+        dx, dy = at[0] - x, at[1] - y
+        turn = math.remainder(at[2] - theta - moved[2], 2 * math.pi)
+        along, across = math.cos(theta) * dx + math.sin(theta) * dy, math.cos(theta) * dy - math.sin(theta) * dx
+        errors = (along - moved[0]) / std[0], (across - moved[1]) / std[1], turn / std[2]
+        densities.append(math.exp(-sum(e * e for e in errors) / 2) + jump)
+    return np.array(densities)

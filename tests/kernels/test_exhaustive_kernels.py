@@ -1,0 +1,100 @@
+"""Every cell and heading scored at once, against one look-up at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import reference
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pipeline.kernels import exhaustive
+
+HEADINGS, TEMPER = 36, 0.3
+
+
+class World:
+    """A table of random codes over a small map; the laser sits ahead of the robot's centre, askew."""
+
+    def __init__(self, seed: int) -> None:
+        rng = np.random.default_rng(seed)
+        self.allowed = rng.random((9, 11)) < 0.6
+        self.cells = np.sort(rng.choice(99, 60, replace=False)).astype(np.int32)
+        self.table = rng.integers(0, 256, (60, HEADINGS)).astype(np.uint8)
+        self.offsets = np.sort(rng.choice(30, 5, replace=False)).astype(np.int32)
+        self.rows = np.concatenate([self.table, self.table[:, : self.offsets.max()]], axis=1)
+        self.log_likelihood = rng.normal(-3, 2, (5, 256)).astype(np.float32)
+        self.laser = 2.3, -0.4, 0.2
+        yaw = 2 * np.pi * np.arange(HEADINGS) / HEADINGS - self.laser[2]
+        dx = -np.cos(yaw) * self.laser[0] + np.sin(yaw) * self.laser[1]
+        dy = -np.sin(yaw) * self.laser[0] - np.cos(yaw) * self.laser[1]
+        scan = self.cells, self.rows, HEADINGS, self.offsets, self.log_likelihood
+        self.arguments = (*scan, np.float32(TEMPER), dx, dy, self.allowed)
+
+    def scores(self, row: int) -> np.ndarray:
+        """By the twin: (headings,), -inf where no robot can stand."""
+        return np.array(
+            [
+                reference.score(row, h, self.table, self.offsets, self.log_likelihood, 0.0)
+                if reference.standing(int(self.cells[row]), h, self.laser, HEADINGS, self.allowed)
+                else -math.inf
+                for h in range(HEADINGS)
+            ]
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cell_masses(seed: int) -> None:
+    world = World(seed)
+    results = []
+    for work in (0, 10**9):
+        best, log_mass = np.empty(60, np.float32), np.empty(60, np.float32)
+        exhaustive.cell_masses(work, *world.arguments, best, log_mass)
+        results.append((best, log_mass))
+        for row in range(60):
+            scores = world.scores(row)
+            assert best[row] == pytest.approx(scores.max(), abs=1e-4)
+            expected = np.logaddexp.reduce(TEMPER * scores) if scores.max() > -math.inf else -math.inf
+            assert log_mass[row] == pytest.approx(expected, abs=1e-4)
+    for one, all_threads in zip(*results, strict=True):
+        np.testing.assert_array_equal(one, all_threads)
+
+
+@given(
+    st.lists(st.one_of(st.just(0.0), st.floats(1e-6, 1.0)), min_size=1, max_size=30).filter(lambda w: sum(w) > 0),
+    st.floats(0, 1, exclude_max=True),
+    st.integers(1, 80),
+)
+@settings(deadline=None)
+def test_split_draws(values, start: float, n: int) -> None:
+    """A systematic draw, counted: as many for each cell as the comb's teeth within it."""
+    mass, draws = np.array(values) / np.sum(values), np.empty(len(values), np.int64)
+    exhaustive.split_draws(mass, start, n, draws)
+    assert draws.sum() == n
+    assert (draws[mass == 0.0] == 0).all()
+    assert (np.abs(draws - n * mass) <= 1 + 1e-9).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_draw_headings(seed: int) -> None:
+    world = World(seed)
+    rng = np.random.default_rng(seed)
+    possible = [row for row in range(60) if world.scores(row).max() > -math.inf]
+    chosen = np.sort(rng.choice(possible, 12, replace=False)).astype(np.int64)
+    draws = rng.integers(1, 60, 12)
+    first = np.concatenate([[0], np.cumsum(draws)])
+    at_cell, at_heading = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32)
+    exhaustive.draw_headings(0, chosen, first, *world.arguments, 11, at_cell, at_heading)
+    for row, low, high in zip(chosen, first, first[1:], strict=False):
+        assert (at_cell[low:high] == world.cells[row]).all()
+        share = np.exp(TEMPER * (world.scores(row) - world.scores(row).max()))
+        share *= (high - low) / share.sum()
+        counts = np.bincount(at_heading[low:high], minlength=HEADINGS)
+        assert (np.abs(counts - share) <= 1 + 1e-4).all()
+        assert (counts[share == 0.0] == 0).all()  # never where the robot would stand in a wall
+    again = np.empty_like(at_cell), np.empty_like(at_heading)
+    exhaustive.draw_headings(10**9, chosen, first, *world.arguments, 11, *again)
+    np.testing.assert_array_equal(at_cell, again[0])
+    np.testing.assert_array_equal(at_heading, again[1])
