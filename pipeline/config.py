@@ -1,4 +1,4 @@
-"""Every parameter of a run: name, unit, bounds, default. Names are AMCL's and Probabilistic Robotics' where they have one.
+"""Every parameter of a run: name, unit, bounds, default. Names are AMCL's and Probabilistic Robotics' own.
 
 Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`` < a flag of its own.
 """
@@ -28,8 +28,9 @@ class Config(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     # --- where the belief starts -------------------------------------------------------------------
-    init: Literal["free_space", "map", "pose"] = Field(
-        "free_space", description="Start over the free cells, over the whole map's rectangle, or around initial_pose."
+    init: Literal["exhaustive", "free_space", "map", "pose"] = Field(
+        "exhaustive",
+        description="Start by scoring every pose, over the free cells, over the whole map, or around initial_pose.",
     )
     initial_pose: tuple[float, float, float] | None = Field(
         None, description="x, y (m), yaw (rad) in the map frame, for init=pose."
@@ -39,7 +40,14 @@ class Config(BaseModel):
     )
 
     # --- how many particles --------------------------------------------------------------------------
-    max_particles: int = Field(50_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
+    max_particles: int = Field(30_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
+    min_particles: int = Field(1_000, ge=1, description="Never fewer than these.")
+    adaptive: Literal["kld", "duplicates", "none"] = Field(
+        "kld",
+        description="Their number: by KLD-sampling (Table 8.4), by the report's proposal, or max_particles always.",
+    )
+    kld_err: Positive = Field(0.05, description="Largest error allowed between the belief and the particles (KLD).")
+    kld_z: Positive = Field(2.33, description="Quantile of the standard normal for that error: 2.33 is 99 %.")
 
     # --- motion model (Table 5.6) ----------------------------------------------------------------------
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")
@@ -56,21 +64,29 @@ class Config(BaseModel):
     no_return_fraction: Fraction = Field(
         1.0, description="Readings at or above this share of the maximum range count as 'no return'."
     )
-    range_bias: float = Field(0.0, description="Taken off every measured range, m: walls that the map draws too near.")
+    range_bias: float | None = Field(
+        None,
+        description="Taken off every measured range, m: walls that the map draws too near. "
+        "Not given: starts at half the thickness of the map's walls and follows the residuals of a converged filter.",
+    )
 
     # --- beam model of the range finder (Table 6.1) --------------------------------------------------------
-    z_hit: NonNegative = Field(0.75, description="Weight of the Gaussian around the true range.")
+    z_hit: NonNegative = Field(0.6, description="Weight of the Gaussian around the true range.")
     z_short: NonNegative = Field(0.1, description="Weight of unexpected obstacles before it.")
     z_max: NonNegative = Field(0.05, description="Weight (a mass) of readings without return.")
     z_rand: NonNegative = Field(0.1, description="Weight of unexplained readings, uniform over the range.")
-    sigma_hit: Positive = Field(0.2, description="Standard deviation of the Gaussian, m.")
+    z_long: NonNegative = Field(0.15, description="Weight of readings beyond it: open doors, rooms that the map lacks.")
+    sigma_hit: Positive = Field(0.15, description="Standard deviation of the Gaussian, m.")
     lambda_short: Positive = Field(0.5, description="Rate of the exponential of unexpected obstacles, 1/m.")
-    temper: Annotated[float, Field(gt=0.0, le=1.0)] = Field(
-        0.2, description="Exponent on a scan's likelihood, for beams that are not independent."
+    lambda_long: Positive = Field(0.3, description="Rate of the exponential of readings beyond the true range, 1/m.")
+    independent_beams: Positive | None = Field(
+        4.0,
+        description="A scan counts as so many independent beams, however many are used: neighbours err together. "
+        "Not given: every beam counts in full.",
     )
 
     # --- true ranges from the map ----------------------------------------------------------------------------
-    occupied_threshold: Fraction = Field(0.65, description="Cells at least so probably occupied stop a ray.")
+    occupied_threshold: Fraction = Field(0.97, description="Cells at least so probably occupied stop a ray.")
     free_threshold: Fraction = Field(0.25, description="Cells less probably occupied than this may hold the robot.")
     ray_caster: Literal["table", "dda", "bresenham"] = Field(
         "table", description="Where z* comes from: a pre-computed table, Amanatides and Woo, Bresenham's line."
@@ -84,6 +100,17 @@ class Config(BaseModel):
     update_min_d: NonNegative = Field(0.01, description="The robot stands still below this travel, m: no update then.")
     update_min_a: NonNegative = Field(0.01, description="... and below this turn, rad.")
 
+    # --- when the belief is in doubt ---------------------------------------------------------------------------------
+    recovery: Literal["search", "augmented", "none"] = Field(
+        "search",
+        description="Rivals from a search of the building, random ones by w_slow and w_fast (Table 8.3), none.",
+    )
+    recovery_alpha_slow: Fraction = Field(0.001, description="Rate of the slow average of the likelihood.")
+    recovery_alpha_fast: Fraction = Field(0.1, description="Rate of the fast one.")
+    hindsight: bool = Field(
+        True, description="Keep the beliefs, and tell at the end where the robot was from the start."
+    )
+
     # --- the recording --------------------------------------------------------------------------------------------
     record_particles: int = Field(
         2000, ge=0, description="At most so many particles are recorded per scan, drawn fairly."
@@ -91,10 +118,12 @@ class Config(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:
+        if self.min_particles > self.max_particles:
+            raise ValueError("min_particles must not exceed max_particles")
         if self.init == "pose" and self.initial_pose is None:
             raise ValueError("init=pose needs initial_pose: [x, y, yaw]")
-        if self.z_hit + self.z_short + self.z_max + self.z_rand <= 0.0:
-            raise ValueError("z_hit, z_short, z_max and z_rand must not all be zero")
+        if self.z_hit + self.z_short + self.z_max + self.z_rand + self.z_long <= 0.0:
+            raise ValueError("z_hit, z_short, z_long, z_max and z_rand must not all be zero")
         return self
 
 
@@ -127,7 +156,8 @@ def dump_config(config: Config) -> str:
     out = StringIO()
     yaml = YAML(typ="safe")
     yaml.default_flow_style = None
-    yaml.sort_base_mapping_type_on_output = False  # keep the order of the fields, which tells the story
+    # Keep the order of the fields, which tells the story.
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     yaml.dump(config.model_dump(mode="json"), out)
     return out.getvalue()
 

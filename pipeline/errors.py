@@ -13,7 +13,9 @@ class MclError(Exception):
     ``str(error)`` and exits with 1; library code never exits.
     """
 
-    def __init__(self, message: str, hint: str = "", *, path: Path | str | None = None, line: int | None = None) -> None:
+    def __init__(
+        self, message: str, hint: str = "", *, path: Path | str | None = None, line: int | None = None
+    ) -> None:
         self.message = message
         self.hint = hint
         self.path = path

@@ -28,7 +28,8 @@ class RunResult:
     """What a run found, one row per scan: stamps (n,) int64 ns; poses (n, 3) m, m, rad in the map frame, online.
 
     ``events``: (scan index, seconds since the first scan, event); ``seconds``: wall time by part; ``particles``,
-    ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``converged_at``: seconds, None if it never did.
+    ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``converged_at``: seconds, None if it never did;
+    ``hindsight`` (n, 3): as ``poses``, told from the end of the log.
     """
 
     stamps: NDArray[np.int64]
@@ -82,7 +83,9 @@ def localize(
                 sink.log(step)
             steps.log(step)
             clock.lap("record")
-    return steps.result(log, clock.seconds)
+        hindsight = mcl.hindsight.trajectory(log.odometry, seed)
+        clock.lap("hindsight")
+    return steps.result(log, clock.seconds, hindsight)
 
 
 class _Columns:
@@ -100,7 +103,7 @@ class _Columns:
         self._events += [(step.index, step.time, event) for event in step.events]
         self._rows += 1
 
-    def result(self, log: Log, seconds: dict[str, float]) -> RunResult:
+    def result(self, log: Log, seconds: dict[str, float], hindsight: NDArray[np.float64] | None) -> RunResult:
         particles, ess, mean_likelihood, explained, spread = self._figures.T.copy()
         converged = [t for _, t, event in self._events if event.kind == "converged"]
         return RunResult(
@@ -114,6 +117,7 @@ class _Columns:
             explained=explained,
             spread=spread,
             converged_at=converged[0] if converged else None,
+            hindsight=hindsight,
         )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
-from pipeline.cli.lines import percent
+from pipeline.cli.lines import columns, percent
 from pipeline.cli.parameters import (
     ConfigOption,
     JsonOption,
@@ -89,9 +89,9 @@ def evaluate(
     if as_json:
         console.emit_json(done.to_dict())
     else:
-        console.table(f"{runs} runs per log", evaluation.COLUMNS, evaluation.table(done), stdout=True)
+        console.result(columns(f"{runs} runs per log", evaluation.table(done), evaluation.COLUMNS))
         if recoveries := evaluation.recovery_table(done):
-            console.table("kidnapped", evaluation.RECOVERY_COLUMNS, recoveries, stdout=True)
+            console.result(columns("kidnapped", recoveries, evaluation.RECOVERY_COLUMNS))
         if plot is not None:
             console.result(str(plot))
     if require_success is not None:

@@ -11,15 +11,16 @@ def facts(title: str, rows: Sequence[tuple[str, str]]) -> str:
     return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows)])
 
 
-def columns(title: str, rows: Sequence[Sequence[str]]) -> str:
+def columns(title: str, rows: Sequence[Sequence[str]], heading: Sequence[str] = ()) -> str:
     """A title, and below it texts in columns as wide as their longest; numbers (and units) to the right, words left."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    right = [all(cell[:1].isdigit() for cell in column) for column in zip(*rows, strict=True)]
+    right = [all(cell[:1] in "-0123456789" for cell in column) for column in zip(*rows, strict=True)]
+    shown = [heading, *rows] if heading else rows
+    widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     lines = [
         "  ".join(f"{cell:>{w}}" if r else f"{cell:<{w}}" for cell, w, r in zip(row, widths, right, strict=True))
-        for row in rows
+        for row in shown
     ]
-    return "\n".join([title, *(f"  {line.rstrip()}" for line in lines)])
+    return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
 
 
 def percent(share: float) -> str:

@@ -14,7 +14,8 @@ MEASURED_BINS = 4096
 
 
 def mixture_density(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: float) -> NDArray[np.float64]:
-    """p(z | z*) per metre: hit, short, and random readings (Equations 6.4 to 6.12); not for readings without return.
+    """p(z | z*) per metre: hit, short, and random readings (Equations 6.4 to 6.12), and beyond the book
+    readings that are too long, exponential from z* on; not for readings without return.
 
     ``z`` measured and ``z_star`` true ranges in metres, broadcast; z* = inf where the map ends no ray: then only short
     and random readings are possible. The weights are taken as they are; they need not add up to one.
@@ -28,8 +29,11 @@ def mixture_density(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: 
     gauss = np.exp(-0.5 * ((z - star) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
     p_hit = np.where(finite, gauss / np.maximum(inside, 1e-9), 0.0)
     p_short = np.where(z <= star, rate * np.exp(-rate * z) / np.maximum(-np.expm1(-rate * star), 1e-9), 0.0)
+    far = config.lambda_long
+    beyond = np.maximum(-np.expm1(-far * (max_range - star)), 1e-9)
+    p_long = np.where(finite & (z > star), far * np.exp(-far * np.maximum(z - star, 0.0)) / beyond, 0.0)
     p_rand = 1.0 / max_range
-    return config.z_hit * p_hit + config.z_short * p_short + config.z_rand * p_rand
+    return config.z_hit * p_hit + config.z_short * p_short + config.z_long * p_long + config.z_rand * p_rand
 
 
 def no_return_mass(z_star: ArrayLike, config: Config) -> NDArray[np.float64]:
@@ -56,11 +60,10 @@ class BeamModel:
         # A pose inside a wall explains nothing: every beam is random (Table 6.1 with z_rand alone).
         self._unexplained = float(np.log(max(config.z_rand, 1e-6) / max_range))
 
-    def correct(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+    def correct(self, ranges: NDArray[np.float32], bias: float) -> NDArray[np.float32]:
         """Ranges as the model sees them: the bias taken off, beyond the threshold 'no return' (inf), NaN kept."""
-        seen = ranges - np.float32(self.config.range_bias)
-        seen = np.where(ranges >= self.no_return, np.float32(np.inf), np.maximum(seen, np.float32(0.0)))
-        return seen.astype(np.float32)
+        seen = np.maximum(ranges - np.float32(bias), np.float32(0.0))
+        return np.where(ranges >= self.no_return, np.float32(np.inf), seen).astype(np.float32)
 
     def scan_rows(self, corrected: NDArray[np.float32]) -> NDArray[np.float32]:
         """(k, 256) float32: the log-likelihood of each beam of a scan for every code of z*."""
@@ -70,6 +73,13 @@ class BeamModel:
         index[np.isinf(corrected)] = MEASURED_BINS
         index[np.isnan(corrected)] = MEASURED_BINS + 1
         return self._log_likelihood[index]
+
+    def temper(self, corrected: NDArray[np.float32]) -> float:
+        """Exponent on the likelihood of a scan: it may count as ``independent_beams`` beams, and no more."""
+        valid = int(np.count_nonzero(~np.isnan(corrected)))
+        if self.config.independent_beams is None or valid == 0:
+            return 1.0
+        return min(1.0, self.config.independent_beams / valid)
 
     def outside(self, corrected: NDArray[np.float32]) -> float:
         """Log-likelihood of a pose in a wall or off the map: every valid beam is unexplained."""

@@ -30,8 +30,12 @@ class Clusters:
         self._bin_key = np.empty(max_particles, np.int64)
         self._bin_weight = np.empty(max_particles, np.float64)
         self._parent = np.empty(max_particles, np.int32)
-        self.occupied = 0
-        """Number of bins that hold a particle: what KLD-sampling counts."""
+        self._bins = 0
+
+    @property
+    def bin_weights(self) -> NDArray[np.float64]:
+        """Weights of the bins that hold a particle: what KLD-sampling counts."""
+        return self._bin_weight[: self._bins]
 
     def find(self, poses: NDArray[np.float32], weights: NDArray[np.float64]) -> tuple[Estimate, ...]:
         """The hypotheses, heaviest first, in the map frame.
@@ -43,7 +47,7 @@ class Clusters:
         # The table is kept as small as the particles allow: clearing it is part of every scan.
         size = min(len(self._keys), 1 << int(2 * len(weights)).bit_length())
         keys, bin_at = self._keys[:size], self._bin_at[:size]
-        bins = self.occupied = belief.occupied_bins(
+        bins = self._bins = belief.occupied_bins(
             x, y, theta, weights, BIN_SIZE, BIN_TURNS, keys, bin_at, self._bin_of, self._bin_key, self._bin_weight
         )
         bin_weight, parent = self._bin_weight[:bins], self._parent[:bins]

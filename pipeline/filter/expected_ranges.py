@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.kernels import raycast, scoring
+from pipeline.errors import MclError
+from pipeline.geometry import compose, inverse
+from pipeline.kernels import exhaustive, raycast, scoring
+from pipeline.kernels.random import uniforms
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import (
@@ -22,6 +26,8 @@ from pipeline.maps.range_table import (
 )
 
 BIN = 2.0 * math.pi / HEADINGS
+SEARCH_BEAMS = 24
+"""Beams that a search of the whole building uses: more would cost in proportion and tell little that is new."""
 
 
 def select_beams(laser: Laser, config: Config) -> NDArray[np.int64]:
@@ -30,6 +36,21 @@ def select_beams(laser: Laser, config: Config) -> NDArray[np.int64]:
         return np.arange(0, laser.beams, config.beam_step)
     n = min(config.max_beams, laser.beams)
     return np.unique(np.round((np.arange(n) + 0.5) * laser.beams / n - 0.5).astype(np.int64))
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What one scan says of every place in the building.
+
+    ``poses`` (3, n) float32 drawn from it, grid frame; ``cells`` (m,) int32 flat indices of the open cells and
+    ``best`` (m,) float32 the log-likelihood of the best heading in each, -inf where no robot can stand.
+    ``log_evidence``: log of the tempered likelihood, averaged over every pose that the robot could have.
+    """
+
+    poses: NDArray[np.float32]
+    cells: NDArray[np.int32]
+    best: NDArray[np.float32]
+    log_evidence: float
 
 
 class ExpectedRanges:
@@ -73,6 +94,62 @@ class ExpectedRanges:
             table = (HEADINGS, self._table.row_of_cell, self._rows, self._offsets, log_likelihood, np.float32(outside))
             scoring.score(n * k, *poses, x, y, turn, inv, *table, out)
 
+    def posterior(
+        self,
+        log_likelihood: NDArray[np.float32],
+        independent_beams: float | None,
+        allowed: NDArray[np.bool_],
+        n: int,
+        key: np.uint64,
+    ) -> Posterior:
+        """Score every open cell and heading against one scan, and draw n poses from the tempered posterior.
+
+        ``log_likelihood`` (k, 256) float32 of the scan's beams, thinned to SEARCH_BEAMS of those that say something;
+        ``allowed`` (height, width) bool: where the robot's centre may be. Raises MclError without a table of ranges.
+        """
+        if self._table is None:
+            raise MclError("an exhaustive search needs the table of ranges", "use --set ray_caster=table")
+        cells, cell_size = self._table.cells, self._grid.resolution
+        headings = (
+            np.arange(HEADINGS) - self._first
+        ) * BIN  # of the laser itself; the table counts from the first beam
+        to_robot = compose(np.stack([0 * headings, 0 * headings, headings], -1), inverse(self._laser.pose))
+        robot_dx, robot_dy = to_robot[:, 0] / cell_size, to_robot[:, 1] / cell_size
+        telling = np.flatnonzero(np.ptp(log_likelihood, axis=1) > 0.0)
+        used = telling[:: max(1, -(-len(telling) // SEARCH_BEAMS))]
+        temper = 1.0 if independent_beams is None else min(1.0, independent_beams / max(1, len(used)))
+        scoring = (cells, self._rows, HEADINGS, self._offsets[used], np.ascontiguousarray(log_likelihood[used]))
+        place = (robot_dx, robot_dy, allowed)
+        best, log_mass = np.empty(len(cells), np.float32), np.empty(len(cells), np.float32)
+        work = len(cells) * HEADINGS * len(used)
+        exhaustive.cell_masses(work, *scoring, np.float32(temper), *place, best, log_mass)
+        top = float(log_mass.max())
+        if top == -np.inf:
+            raise MclError("the map has no cell where the robot could stand", "raise free_threshold")
+        mass = np.exp(log_mass.astype(np.float64) - top)
+        log_evidence = top + float(np.log(mass.sum() / (np.count_nonzero(allowed) * HEADINGS)))
+        draws = np.empty(len(cells), np.int64)
+        exhaustive.split_draws(mass / mass.sum(), uniforms(key, 1)[0], n, draws)
+        chosen = np.flatnonzero(draws)
+        first = np.concatenate([[0], np.cumsum(draws[chosen])])
+        at_cell, at_heading = np.empty(n, np.int32), np.empty(n, np.int32)
+        work = len(chosen) * HEADINGS * len(used)
+        exhaustive.draw_headings(
+            work, chosen, first, *scoring, np.float32(temper), *place, self._grid.width, at_cell, at_heading
+        )
+        # Anywhere within the cell and the heading's bin: the table cannot tell these apart.
+        jitter = uniforms(key + np.uint64(1), 3 * n).reshape(3, n)
+        laser = np.stack(
+            [
+                (at_cell % self._grid.width + jitter[0]) * cell_size,
+                (at_cell // self._grid.width + jitter[1]) * cell_size,
+                (at_heading - self._first + jitter[2] - 0.5) * BIN,
+            ],
+            axis=-1,
+        )
+        poses = compose(laser, inverse(self._laser.pose))
+        return Posterior(np.ascontiguousarray(poses.T.astype(np.float32)), cells, best, log_evidence)
+
     def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""
         codes = np.zeros((1, len(self._angles)), np.uint8)
@@ -93,6 +170,6 @@ class ExpectedRanges:
         x, y, theta = poses[0] / np.float32(cell), poses[1] / np.float32(cell), poses[2]
         lx, ly, yaw = self._laser_pose
         raycast.cast_codes(
-            50 * out.size, self._opaque, x, y, theta, lx / cell, ly / cell, yaw, self._angles, self.codes.max_range / cell,
-            self._config.ray_caster == "bresenham", self.codes.scale, LOG_OFFSET / cell, HIT_CODES, UNKNOWN_CODES, out,
+            50 * out.size, self._opaque, x, y, theta, lx / cell, ly / cell, yaw, self._angles,
+            self.codes.max_range / cell, self._config.ray_caster == "bresenham", self.codes.scale, LOG_OFFSET / cell, HIT_CODES, UNKNOWN_CODES, out,
         )  # fmt: skip

@@ -19,7 +19,7 @@ ON_THE_SPOT = 0.01
 class OdometryMotion:
     """What the odometry says of a move: turn by rot1, drive trans, turn by rot2 (rad, m, rad), with deviations.
 
-    Driving backwards is a negative ``trans``, not a turn by pi and back: so its noise is that of the same drive forwards.
+    Driving backwards is a negative ``trans``, not a turn by pi and back: its noise is that of the drive forwards.
     """
 
     rot1: float

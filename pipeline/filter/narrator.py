@@ -5,17 +5,15 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from pipeline.filter.recovery import Rivals
 from pipeline.filter.step import Event, Step
 
 CONVERGED_SPREAD = 0.5
 """Metres: the belief has converged when its particles lie so close together ..."""
 CONVERGED_WEIGHT = 0.95
 """... and one hypothesis holds so much of the weight."""
-LOST_EXPLAINED = 0.45
-"""Share of beams explained at the estimate, smoothed: below it a converged filter is lost ..."""
-FOUND_EXPLAINED = 0.6
-"""... and above it again it is found. Right poses explain 0.6 to 0.95 of the beams, wrong ones under 0.45."""
-SMOOTHING = 0.1
+FOUND = 0.5
+"""Share of beams explained, at one scan, from which on a lost and converged filter is said to be found."""
 RESAMPLE_WINDOW = 50
 
 
@@ -26,14 +24,18 @@ class Narrator:
         self._started = False
         self._converged = False
         self._lost = False
-        self._explained: float | None = None
         self._updates = 0
         self._resampled = 0
         self._pace = ""
 
-    def tell(self, step: Step) -> Step:
-        """The step, with its events."""
-        events = [*self._start(step), *self._belief(step), *self._health(step), *self._resampling(step)]
+    def tell(self, step: Step, explained: float | None, rivals: Rivals | None) -> Step:
+        """The step, with its events. ``explained``: smoothed share of the beams; ``rivals``: admitted at this step."""
+        events = [
+            *self._start(step),
+            *self._health(step, explained, rivals),
+            *self._belief(step),
+            *self._resampling(step),
+        ]
         return dataclasses.replace(step, events=tuple(events))
 
     def _start(self, step: Step) -> list[Event]:
@@ -54,18 +56,17 @@ class Narrator:
             return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
         return []
 
-    def _health(self, step: Step) -> list[Event]:
-        if not step.moved:
-            return []
-        before = step.explained if self._explained is None else self._explained
-        self._explained = before + SMOOTHING * (step.explained - before)
-        share = f"the map explains {100 * self._explained:.0f} % of the beams"
-        if self._converged and not self._lost and self._explained < LOST_EXPLAINED:
+    def _health(self, step: Step, explained: float | None, rivals: Rivals | None) -> list[Event]:
+        share = f"{100 * (explained or 0.0):.0f} % of the beams explained"
+        if rivals is not None and rivals.scans and not self._lost:
             self._lost = True
-            return [Event("lost", f"Lost at {step.time:.1f} s: {share} at the estimate.", "WARN")]
-        if self._lost and self._explained > FOUND_EXPLAINED:
+            better = f"the last {rivals.scans} scans fit elsewhere by {rivals.lead:.0f} nats"
+            return [Event("lost", f"Lost at {step.time:.1f} s: {share}, and {better}.", "WARN")]
+        if self._lost and step.spread < CONVERGED_SPREAD and explained is not None and step.explained > FOUND:
             self._lost = False
-            return [Event("found", f"Found again at {step.time:.1f} s: {share} at the estimate.")]
+            x, y, yaw = step.estimate.pose
+            where = f"({x:.2f}, {y:.2f}) m, heading {math.degrees(yaw):.0f} deg"
+            return [Event("found", f"Found again at {step.time:.1f} s on {where}.")]
         return []
 
     def _resampling(self, step: Step) -> list[Event]:

@@ -30,7 +30,7 @@ def add_likelihood(log_weights, log_likelihood, temper, block_max):
 
 @paired
 def exponentiate(log_weights, largest, weights, sums):
-    """weights = exp(log_weights - largest); ``sums`` (blocks, 2) float64 gets the blocks' sums of w and of w squared."""
+    """weights = exp(log_weights - largest); ``sums`` (blocks, 2) float64 gets the blocks' sums of w and w squared."""
     n = log_weights.shape[0]
     for b in prange(sums.shape[0]):
         total = 0.0
@@ -45,10 +45,10 @@ def exponentiate(log_weights, largest, weights, sums):
 
 
 @paired
-def rescale(log_weights, weights, log_total, factor, out_blocks):
-    """Normalise in place: log_weights -= log_total, weights *= factor (``out_blocks``: (blocks,), only its size counts)."""
+def rescale(log_weights, weights, log_total, factor, blocks):
+    """Normalise in place: log_weights -= log_total, weights *= factor."""
     n = log_weights.shape[0]
-    for b in prange(out_blocks.shape[0]):
+    for b in prange(blocks):
         for i in range(b * BLOCK, min((b + 1) * BLOCK, n)):
             log_weights[i] -= log_total
             weights[i] *= factor

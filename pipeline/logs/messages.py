@@ -1,4 +1,4 @@
-"""What a log holds once it is read: scans with the odometry at their stamps, the laser that took them, and the truth where known."""
+"""What a log holds once it is read: scans, the odometry at their stamps, the laser, and the truth where known."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Laser:
     @property
     def angles(self) -> NDArray[np.float64]:
         """Direction of every beam in the laser frame, radians, (beams,)."""
-        return self.angle_min + self.angle_increment * np.arange(self.beams)
+        return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
 
 
 @dataclass(frozen=True)

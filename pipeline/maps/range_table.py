@@ -21,7 +21,7 @@ HIT_CODES = 224
 UNKNOWN_CODES = 31
 """Codes 224..254: the ray leaves what the map knows; beyond that anything may be. 255: nothing within max_range."""
 LOG_OFFSET = 2.0
-"""Metres at which the logarithmic scale of the codes bends: about 3 cm a step at the laser, 2 % of the range far away."""
+"""Metres at which the logarithmic scale of the codes bends: 3 cm a step at the laser, 2 % of the range far away."""
 HEADINGS = 360
 MAX_TABLE_BYTES = 1 << 30
 _FORMAT = b"mcl range table 1\n"
@@ -57,7 +57,7 @@ class RangeTable:
     """True ranges from the centre of every open cell.
 
     ``rows`` (n, HEADINGS) uint8 codes, heading h at h * 360 / HEADINGS degrees in the grid frame;
-    ``cells`` (n,) int32 flat index of each row's cell; ``row_of_cell`` (height, width) int32, -1 = no laser can be there.
+    ``cells`` (n,) int32 flat index of each row's cell; ``row_of_cell`` (height, width) int32, -1 = no laser there.
     """
 
     codes: RangeCodes
@@ -132,7 +132,7 @@ def _open_cells(opaque: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[n
 
 
 def _read(path: Path, key: str, n: int) -> NDArray[np.uint8] | None:
-    """Rows from a cache file, mapped read-only so that processes share them; None if it is not exactly what we wrote."""
+    """Rows from a cache file, mapped read-only for processes to share; None if it is not exactly what we wrote."""
     header = len(_FORMAT) + 128
     try:
         if path.stat().st_size != header + n * HEADINGS:
@@ -143,12 +143,12 @@ def _read(path: Path, key: str, n: int) -> NDArray[np.uint8] | None:
     except OSError:
         return None
     # blake2b runs at about a gigabyte a second: cheap beside the wrong map.
-    checksum = hashlib.blake2b(rows, digest_size=32).hexdigest()
+    checksum = hashlib.blake2b(rows.data, digest_size=32).hexdigest()
     return rows if head == _FORMAT + key.encode() + checksum.encode() else None
 
 
 def _write(path: Path, key: str, rows: NDArray[np.uint8]) -> None:
-    checksum = hashlib.blake2b(rows, digest_size=32).hexdigest()
+    checksum = hashlib.blake2b(rows.data, digest_size=32).hexdigest()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:

@@ -1,0 +1,83 @@
+"""Where the robot was, told by one who has seen the whole log: backward simulation (Godsill, Doucet and West, 2004)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.filter.estimate import Clusters
+from pipeline.filter.motion_model import odometry_motion
+from pipeline.filter.resampling import draw_ancestors
+from pipeline.geometry import between, compose
+from pipeline.kernels.random import stream_key, uniforms
+from pipeline.kernels.smoothing import draw_predecessors
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+REMEMBERED = 4000
+"""Particles kept of every update, drawn by weight: enough to hold every place that was in question at the start."""
+TRAJECTORIES = 32
+BANDWIDTH = (0.03, 0.03, 0.02)
+"""m, m, rad added to the motion's deviations: finitely many particles cannot lie exactly where the motion would."""
+JUMP = 1e-9
+"""Density, relative to the motion's peak, of coming from anywhere: how a kidnapped robot arrives."""
+SMOOTH = 5
+
+
+class Hindsight:
+    """Keeps the beliefs of a run, and then walks back through them from its end."""
+
+    def __init__(self, grid: OccupancyGrid, config: Config) -> None:
+        self._grid, self._config = grid, config
+        self._scans: list[int] = []
+        self._poses: list[NDArray[np.float32]] = []
+
+    def remember(self, scan: int, poses: NDArray[np.float32], weights: NDArray[np.float64], key: np.uint64) -> None:
+        """Keep the belief after an update: poses (3, n) grid frame, weights (n,); drawn by weight, at most 4000."""
+        if not self._config.hindsight:
+            return
+        ancestors = draw_ancestors(weights, min(len(weights), REMEMBERED), "low_variance", key)
+        self._scans.append(scan)
+        self._poses.append(np.ascontiguousarray(poses[:, ancestors]))
+
+    def trajectory(self, odometry: NDArray[np.float64], seed: int) -> NDArray[np.float64] | None:
+        """(n, 3) poses in the map frame for the n scans whose odometry (n, 3) is given; None if nothing was kept.
+
+        Draws whole trajectories backwards, each step by step among the particles of the time, weighted by how well the
+        motion model connects them; reports the heaviest hypothesis among them.
+        """
+        if not self._scans:
+            return None
+        last = self._poses[-1]
+        key = stream_key(seed, self._scans[-1], SMOOTH)
+        pick = (uniforms(key, TRAJECTORIES) * last.shape[1]).astype(np.int64)
+        at = last[:, pick].T.astype(np.float64)
+        walks = np.empty((len(self._scans), TRAJECTORIES, 3))
+        walks[-1] = at
+        chosen = np.empty(TRAJECTORIES, np.int32)
+        for k in range(len(self._scans) - 2, -1, -1):
+            before, after = odometry[self._scans[k]], odometry[self._scans[k + 1]]
+            m = odometry_motion(before, after, self._config)
+            turn = float(np.hypot(m.std_rot1, m.std_rot2))
+            std = np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
+            poses, key = self._poses[k], stream_key(seed, self._scans[k], SMOOTH)
+            work = 30 * TRAJECTORIES * poses.shape[1]
+            draw_predecessors(work, *poses, at, between(before, after), std, JUMP, key, chosen)
+            at = poses[:, chosen].T.astype(np.float64)
+            walks[k] = at
+        return self._fill(self._agree(walks), odometry)
+
+    def _agree(self, walks: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The heaviest hypothesis among the walks (k, trajectories, 3) at each update: (k, 3) in the map frame."""
+        clusters = Clusters(self._grid, TRAJECTORIES)
+        equal = np.full(TRAJECTORIES, 1.0 / TRAJECTORIES)
+        out = np.empty((len(walks), 3))
+        for k, at in enumerate(walks):
+            out[k] = clusters.find(np.ascontiguousarray(at.T.astype(np.float32)), equal)[0].pose
+        return out
+
+    def _fill(self, poses: NDArray[np.float64], odometry: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Poses for every scan: where the robot stood (nearly) still, the odometry leads on from the last update."""
+        scans = np.array(self._scans)
+        row = np.searchsorted(scans, np.arange(len(odometry)), side="right") - 1
+        return compose(poses[row], between(odometry[scans[row]], odometry))

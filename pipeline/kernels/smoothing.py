@@ -1,0 +1,45 @@
+"""Backward simulation: which past poses could have led to the present ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import prange
+
+from pipeline.kernels import inline, paired
+from pipeline.kernels.random import uniform
+
+
+@inline
+def _wrapped(angle):
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@paired
+def draw_predecessors(x, y, theta, at, moved, std, jump, key, chosen):
+    """For each trajectory at its pose ``at`` (m, 3), draw the particle one update earlier that it came from.
+
+    ``x, y, theta`` (n,) float32 equally weighted particles; ``moved`` (3,): dx, dy, dtheta of the odometry as seen from
+    the earlier pose; ``std`` (3,): deviations along, across and in heading; ``jump``: density of coming from anywhere,
+    as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
+    """
+    n = x.shape[0]
+    for j in prange(at.shape[0]):
+        density = np.empty(n)
+        total = 0.0
+        for i in range(n):
+            cos, sin = math.cos(theta[i]), math.sin(theta[i])
+            dx, dy = at[j, 0] - x[i], at[j, 1] - y[i]
+            along = (cos * dx + sin * dy - moved[0]) / std[0]
+            across = (-sin * dx + cos * dy - moved[1]) / std[1]
+            turn = _wrapped(at[j, 2] - theta[i] - moved[2]) / std[2]
+            density[i] = math.exp(-0.5 * (along * along + across * across + turn * turn)) + jump
+            total += density[i]
+        target = uniform(key, j) * total
+        i = 0
+        cumulative = density[0]
+        while cumulative < target and i < n - 1:
+            i += 1
+            cumulative += density[i]
+        chosen[j] = i
