@@ -160,6 +160,11 @@ def test_columns_align_numbers_right_and_words_left():
     assert told == "events\n   0.5 s   1  found  Found it.\n  10.0 s  12  lost   Lost."
 
 
+def test_a_heading_lines_up_with_its_column():
+    told = columns("runs", [("office", "20/20", "-"), ("hall", "9/20", "0.1")], ("log", "success", "error (m)"))
+    assert told == "runs\n  log     success  error (m)\n  office    20/20          -\n  hall       9/20        0.1"
+
+
 def test_columns_without_rows_are_their_title():
     assert columns("events", []) == "events"
 
