@@ -9,7 +9,7 @@ from pathlib import Path
 
 Command = Callable[..., subprocess.CompletedProcess[str]]
 
-FEW = ("--particles", "3000", "--set", "record_particles=200")
+FEW = ("--particles", "3000", "--set", "record_particles=200", "--set", "recovery=none")
 """Options for a run that is quick; it need not find the robot."""
 
 

@@ -19,7 +19,7 @@ def test_a_stopped_run_can_be_inspected(
     sent: signal.Signals, code: int, mcl: Command, journey: Journey, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
-    slow = ("--set", "max_particles=300000", "--set", "record_particles=200")
+    slow = ("--set", "max_particles=300000", "--set", "record_particles=200", "--set", "recovery=none")
     command = [sys.executable, "-m", "pipeline.cli", "localize", str(journey.log), *slow, "-o", str(folder)]
     # Its own group: a Ctrl-C of the test's must not end the tests.
     process = subprocess.Popen(

@@ -119,8 +119,7 @@ def test_a_start_near_the_truth_stays_there_and_json_is_all_that_stdout_gets(
 def test_evaluate_scores_seeds_and_draws_them(mcl: Command, journey: Journey, tmp_path: Path) -> None:
     picture = tmp_path / "e.png"
     truth = ("--reference", journey.raw / "office_truth.tum")
-    few = ("--particles", 2000, "--runs", 2, "--jobs", 2)
-    done = mcl("evaluate", journey.log, *truth, *few, "--plot", picture, "--json")
+    done = mcl("evaluate", journey.log, *truth, *FEW, "--runs", 2, "--jobs", 2, "--plot", picture, "--json")
     told = json.loads(done.stdout)["logs"]["drive"]
     assert told["runs"] == len(told["seeds"]) == 2
     assert picture.read_bytes().startswith(b"\x89PNG")
@@ -128,7 +127,7 @@ def test_evaluate_scores_seeds_and_draws_them(mcl: Command, journey: Journey, tm
 
 
 def test_a_requested_limit_that_fails_is_exit_code_3(mcl: Command, journey: Journey) -> None:
-    lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", "--particles", 10)
+    lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", *FEW)
     done = mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0.95", code=3)
     assert "drive" in done.stdout
     assert done.stderr == "error: drive: 0 of 1 runs succeeded, 95 % required\n"
