@@ -15,6 +15,7 @@ from pipeline.cli.evaluation import evaluate
 from pipeline.cli.logs import convert, export, simulate
 from pipeline.cli.parameters import config
 from pipeline.cli.runs import demo, inspect, localize
+from pipeline.cli.tuning import tune
 from pipeline.errors import MclError
 
 BAD_INPUT, INTERRUPTED = 1, 130
@@ -52,7 +53,7 @@ app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, convert, localize, inspect, evaluate, simulate, export, config):
+for command in (demo, convert, localize, inspect, evaluate, tune, simulate, export, config):
     app.command()(command)
 
 

@@ -1,0 +1,100 @@
+"""The command that learns the sensor model and the odometry's noise from logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.cli.lines import columns
+from pipeline.cli.parameters import (
+    ConfigOption,
+    ForceOption,
+    JsonOption,
+    LogArguments,
+    MapOption,
+    ParticlesOption,
+    SetOption,
+    effective_config,
+    open_log,
+)
+from pipeline.errors import MclError
+
+if TYPE_CHECKING:
+    from pipeline.tune import Tuning
+
+PICTURES = (".png", ".pdf", ".svg")
+
+
+def tune(
+    logs: LogArguments,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="PRESET.yaml", help="Write what was learned; stdout if not given."),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="OUT.png", help="Draw what was measured, and the learned densities over it.")
+    ] = None,
+    record: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="The same as a recording.")] = None,
+    rounds: Annotated[
+        int, typer.Option(min=1, max=2, help="2: localize once more with what was learned, and learn again.")
+    ] = 1,
+    map_path: MapOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    particles: ParticlesOption = None,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers.")] = 0,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Learn the parameters that fit a robot and its building, from logs alone."""
+    for path in (output, plot, record):
+        if path is not None:
+            _check_output(path, force)
+    if plot is not None and plot.suffix.lower() not in PICTURES:
+        raise MclError(f"a plot is one of {', '.join(PICTURES)}, told apart by its suffix", path=plot)
+    from pipeline import tune as tuning
+
+    effective = effective_config(config, settings, particles)
+    opened = [open_log(log, map_path) for log in logs]
+    learned = tuning.tune(opened, effective, seed=seed, rounds=rounds, progress=console.progress)
+    text = tuning.preset(learned)
+    console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))
+    if plot is not None:
+        tuning.plot(learned, plot)
+    if record is not None:
+        _record(learned, text, record)
+    if output is not None:
+        output.write_text(text, encoding="utf-8")
+    if as_json:
+        console.emit_json(learned.to_dict())
+        return
+    if output is None:
+        console.result(text.rstrip())
+    for written in (plot, record, output):
+        if written is not None:
+            (console.note if output is None else console.result)(str(written))
+
+
+def _record(learned: Tuning, text: str, path: Path) -> None:
+    from pipeline import tune as tuning
+    from pipeline.recording.fit import write_fit
+
+    found = tuning.residuals(learned.readings, learned.before, learned.after)
+    both = tuning.plane(learned.readings, learned.after)
+    path.unlink(missing_ok=True)  # asked for with --force, or not there
+    densities = (found.measured, found.before, found.after)
+    name = "-".join(log.name for log in learned.logs)
+    write_fit(path, name, found.at, densities, (both.measured, both.fitted), text)
+
+
+def _check_output(path: Path, force: bool) -> None:
+    """What would be known only after minutes."""
+    if path.is_dir():
+        raise MclError("this is a folder, not a file to write", path=path)
+    if path.exists() and not force:
+        raise MclError("this file exists already", "use --force to replace it", path=path)
+    if not path.parent.is_dir():
+        raise MclError("the folder to write to does not exist", path=path.parent)

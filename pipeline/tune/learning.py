@@ -1,0 +1,218 @@
+"""Localize, look back, learn: the parameters that the logs themselves ask for, without any ground truth."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.errors import MclError
+from pipeline.filter.expected_ranges import select_beams
+from pipeline.filter.range_bias import RangeBias
+from pipeline.localize import localize
+from pipeline.logs.messages import Log, Scan
+from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model
+from pipeline.tune.motion import ALPHAS, fit_motion, windows
+from pipeline.tune.scans import evidence, readings, trusted
+from pipeline.tune.temper import independent_beams, window_likelihoods
+
+PARAMETERS = (*LEARNED, "occupied_threshold", "independent_beams", *ALPHAS)
+THRESHOLDS = (0.35, 0.6, 0.8, 0.9, 0.97)
+MOST_SCANS = 1000
+"""Of one log, spread over it: 60,000 beams settle ten parameters."""
+SEGMENT = 50
+"""Scans that are learned from, or held out, together: neighbours see the same walls."""
+HITS = 0.4
+"""m: readings so close to the map's range start as hits."""
+
+
+class Progress(Protocol):
+    """Passes the scans on and shows how many of ``total`` have passed: ``console.progress``."""
+
+    def __call__(self, items: Iterable[Scan], total: int, label: str) -> Iterator[Scan]:
+        """Iterate lazily over the scans."""
+        ...
+
+
+@dataclass(frozen=True)
+class Found:
+    """A log, and where hindsight saw the robot: poses (k, 3) in the map frame at the trusted updates ``scans`` (k,)."""
+
+    log: Log
+    trajectory: Array
+    scans: NDArray[np.int64]
+
+    def every(self, most: int) -> NDArray[np.int64]:
+        """At most so many of the scans, spread evenly."""
+        return self.scans[:: -(-len(self.scans) // most)]
+
+    def readings(self, scans: NDArray[np.int64], config: Config) -> Readings:
+        """What these scans measured, and what the map says under this configuration."""
+        return readings(self.log, self.trajectory[scans], scans, config)
+
+    def evidence(self, scans: NDArray[np.int64], config: Config, temper: float) -> Array:
+        """Nats per scan."""
+        return evidence(self.log, self.trajectory[scans], scans, config, temper)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Of one configuration, on the scans it was learned from and on those held out.
+
+    ``likelihood``: mean nats per beam; ``evidence``: mean nats per scan, all tempered alike.
+    """
+
+    likelihood: tuple[float, float]
+    evidence: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What was learned: ``before`` and ``after``, whose range_bias is a number; and how good each of them is.
+
+    ``before_scores`` and ``after_scores``: the latter of a model learned from one half of the scans only, so that
+    the other half is held out; ``after`` itself is learned from all. ``thresholds``: (candidate, held-out evidence,
+    nats per scan). ``history``: log-likelihood per beam over the iterations. ``readings``: per log, under ``after``.
+    """
+
+    logs: tuple[Log, ...]
+    before: Config
+    after: Config
+    before_scores: Scores
+    after_scores: Scores
+    thresholds: tuple[tuple[float, float], ...]
+    history: tuple[float, ...]
+    scans: int
+    beams: int
+    readings: tuple[Readings, ...]
+    seed: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "logs": [{"name": log.name, "sha256": log.sha256} for log in self.logs],
+            "seed": self.seed,
+            "scans": self.scans,
+            "beams": self.beams,
+            "before": {name: getattr(self.before, name) for name in PARAMETERS},
+            "after": {name: getattr(self.after, name) for name in PARAMETERS},
+            "scores": {"before": vars(self.before_scores), "after": vars(self.after_scores)},
+            "thresholds": [{"occupied_threshold": t, "evidence": e} for t, e in self.thresholds],
+            "history": list(self.history),
+        }
+
+
+def tune(
+    logs: Sequence[Log], config: Config, *, seed: int = 0, rounds: int = 1, progress: Progress | None = None
+) -> Tuning:
+    """Learn PARAMETERS from logs of one building and robot; ``rounds`` > 1 localizes again with what was learned.
+
+    Raises MclError for a log without a map, or on which the filter does not converge.
+    """
+    if not config.hindsight:
+        raise MclError("tuning learns from hindsight", "use --set hindsight=true")
+    start = config
+    found = [_find(log, config, seed, progress) for log in logs]
+    learned = _learn(found, config)
+    for _ in range(rounds - 1):
+        found = [_find(log, learned.config, seed, progress) for log in logs]
+        learned = _learn(found, learned.config)
+    before = start.model_copy(update={"range_bias": _initial_bias(found, start)})
+    scans = [f.every(MOST_SCANS) for f in found]
+    after = Config.model_validate(learned.config.model_dump())
+    final = tuple(f.readings(s, after) for f, s in zip(found, scans, strict=True))
+    return Tuning(
+        logs=tuple(logs),
+        before=before,
+        after=after,
+        before_scores=_scores(found, before, before),
+        after_scores=_scores(found, learned.half, before),
+        thresholds=learned.thresholds,
+        history=learned.history,
+        scans=sum(map(len, scans)),
+        beams=sum(int(np.count_nonzero(~np.isnan(r.measured))) for r in final),
+        readings=final,
+        seed=seed,
+    )
+
+
+@dataclass(frozen=True)
+class _Learned:
+    config: Config
+    half: Config
+    thresholds: tuple[tuple[float, float], ...]
+    history: tuple[float, ...]
+
+
+def _find(log: Log, config: Config, seed: int, progress: Progress | None) -> Found:
+    def watched(scans: Iterable[Scan]) -> Iterable[Scan]:
+        return scans if progress is None else progress(scans, len(log), f"localizing {log.name}")
+
+    result = localize(log, config, seed=seed, progress=watched)
+    scans = trusted(log, result, config)
+    assert result.hindsight is not None
+    return Found(log, result.hindsight, scans)
+
+
+def _learn(found: Sequence[Found], config: Config) -> _Learned:
+    """The threshold whose model, learned from every other segment, best predicts the rest; then all, from all scans."""
+    temper = _temper(found, config)
+    tried: list[tuple[float, Config]] = []
+    for threshold in sorted({*THRESHOLDS, config.occupied_threshold}):
+        half = _fitted(found, config.model_copy(update={"occupied_threshold": threshold}), held_out=False)
+        rest = [f.evidence(_half(f, held_out=True), half, temper) for f in found]
+        tried.append((float(np.concatenate(rest).mean()), half))
+    half = max(tried, key=lambda pair: pair[0])[1]
+    fit = fit_beam_model([f.readings(f.every(MOST_SCANS), half) for f in found], half)
+    learned = fit_motion([windows(f.log.odometry, f.trajectory, f.scans, config) for f in found], fit.config)
+    rivals = [window_likelihoods(f.log, f.trajectory[f.scans], f.scans, learned) for f in found]
+    beams = round(np.mean([len(select_beams(f.log.laser, config)) for f in found]))
+    learned = learned.model_copy(update={"independent_beams": independent_beams(rivals, beams)})
+    thresholds = tuple((model.occupied_threshold, value) for value, model in tried)
+    return _Learned(learned, half, thresholds, fit.history)
+
+
+def _fitted(found: Sequence[Found], config: Config, *, held_out: bool) -> Config:
+    parts = [f.readings(_half(f, held_out=held_out), config) for f in found]
+    residuals = np.concatenate([(r.measured - r.expected)[np.isfinite(r.measured - r.expected)] for r in parts])
+    near = residuals[np.abs(residuals) < HITS]
+    bias = float(np.median(near)) if len(near) else 0.0
+    return fit_beam_model(parts, config.model_copy(update={"range_bias": bias})).config
+
+
+def _half(found: Found, *, held_out: bool) -> NDArray[np.int64]:
+    """Every other segment of the scans that are used."""
+    segment = np.arange(len(found.scans)) // SEGMENT
+    chosen = found.scans[segment % 2 == int(held_out)]
+    return chosen[:: max(1, -(-2 * len(chosen) // MOST_SCANS))]
+
+
+def _scores(found: Sequence[Found], config: Config, start: Config) -> Scores:
+    """Of a configuration whose range_bias is a number; the temper is the start's, so that evidences compare."""
+    temper = _temper(found, start)
+    likelihood, nats = [], []
+    for held_out in (False, True):
+        parts = [f.readings(_half(f, held_out=held_out), config) for f in found]
+        valid = sum(int(np.count_nonzero(~np.isnan(r.measured))) for r in parts)
+        likelihood.append(sum(float(r.log_likelihood(config).sum()) for r in parts) / max(valid, 1))
+        each = [f.evidence(_half(f, held_out=held_out), config, temper) for f in found]
+        nats.append(float(np.concatenate(each).mean()))
+    return Scores((likelihood[0], likelihood[1]), (nats[0], nats[1]))
+
+
+def _temper(found: Sequence[Found], config: Config) -> float:
+    beams = max(len(select_beams(f.log.laser, config)) for f in found)
+    return min(1.0, (config.independent_beams or beams) / beams)
+
+
+def _initial_bias(found: Sequence[Found], config: Config) -> float:
+    """Where the filter's own bias starts, over the logs' maps."""
+    biases = []
+    for f in found:
+        assert f.log.grid is not None
+        biases.append(RangeBias(config, f.log.grid).value)
+    return float(np.mean(biases))

@@ -1,0 +1,91 @@
+"""The odometry's noise (Probabilistic Robotics, Table 5.6), from how a found trajectory differs from the odometry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.filter.motion_model import ON_THE_SPOT, odometry_motion
+from pipeline.geometry import between, wrap_angle
+from pipeline.tune.em import Array
+
+ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
+WINDOWS = ((0.5, 0.3), (1.0, 0.6), (1.5, 0.9))
+"""m, rad: a window ends when the robot has driven or turned so far. Three lengths tell growth from a constant floor."""
+OUTLIER = 5.0
+"""Robust deviations: where hindsight jumps, or the robot was carried, the difference is not the odometry's noise."""
+SMALLEST = 1e-4
+"""A filter whose motion knows no noise cannot follow what it has not seen yet."""
+FEWEST = 20
+"""Windows, below which the odometry's noise is left as it was."""
+ROUNDS = 5
+
+
+def windows(odometry: Array, poses: Array, scans: NDArray[np.int64], config: Config) -> Array:
+    """How a trajectory differs from its odometry, both (n, 3), over windows of the updates ``scans`` (k,).
+
+    Returns (w, 4): error of heading, rad; error along the way driven, m; and, summed over the window's *updates*,
+    rot1^2 + rot2^2, rad^2, and trans^2, m^2. Table 5.6 adds noise at every update, of variance alpha1 rot^2 + alpha2
+    trans^2 to each of the two turns and alpha3 trans^2 + alpha4 (rot1^2 + rot2^2) to the drive. Variances add up, so
+    these sums of squares are the regressors (the square of the sum is not): the alphas belong to this pace of updates.
+    """
+    moves = [odometry_motion(odometry[a], odometry[b], config) for a, b in pairwise(scans)]
+    driven = np.array([m.trans for m in moves])
+    turns = np.array([_turns(m.rot1, m.trans, m.rot2) for m in moves]).reshape(-1, 2)
+    squares = np.column_stack([np.square(turns).sum(axis=1), np.square(driven)])
+    rows: list[list[float]] = []
+    for far, angle in WINDOWS:
+        begin, path, turned = 0, 0.0, 0.0
+        for k in range(len(moves)):
+            path, turned = path + abs(driven[k]), turned + abs(float(turns[k].sum()))
+            if path < far and turned < angle:
+                continue
+            a, b = scans[begin], scans[k + 1]
+            said, was = between(odometry[a], odometry[b]), between(poses[a], poses[b])
+            ahead = said[:2] / max(math.hypot(*said[:2]), 1e-9)
+            errors = [float(wrap_angle(was[2] - said[2])), float(ahead @ (was[:2] - said[:2]))]
+            rows.append([*errors, *squares[begin : k + 1].sum(axis=0).tolist()])
+            begin, path, turned = k + 1, 0.0, 0.0
+    return np.array(rows).reshape(-1, 4)
+
+
+def fit_motion(found: Sequence[Array], config: Config) -> Config:
+    """alpha1 to alpha4 by non-negative least squares of the squared errors in the logs' ``windows``.
+
+    A constant is fitted beside them, the trajectory's own jitter. A square varies the more the larger it is, so each
+    is weighted by its predicted value, over a few rounds. With fewer than 20 windows nothing is learned.
+    """
+    rows = np.concatenate(list(found))
+    if len(rows) < FEWEST:
+        return config
+    heading, along, turned, driven = rows.T
+    # Both turns of an update change the heading: alpha2 counts twice there.
+    alpha1, alpha2 = _variances(heading, np.column_stack([turned, 2.0 * driven]))
+    alpha4, alpha3 = _variances(along, np.column_stack([turned, driven]))
+    values = (alpha1, alpha2, alpha3, alpha4)
+    return config.model_copy(update={k: max(float(v), SMALLEST) for k, v in zip(ALPHAS, values, strict=True)})
+
+
+def _variances(errors: Array, regressors: Array) -> Array:
+    from scipy.optimize import nnls
+
+    spread = 1.4826 * float(np.median(np.abs(errors))) + 1e-6
+    kept = np.abs(errors) < OUTLIER * spread
+    squared, design = np.square(errors[kept]), np.column_stack([regressors[kept], np.ones(int(kept.sum()))])
+    scale = np.maximum(design.max(axis=0), 1e-12)  # radians and metres alike near one: better conditioned
+    weight = np.ones(len(squared))
+    solution = np.zeros(3)
+    for _ in range(ROUNDS):
+        solution = nnls(design / scale * weight[:, None], squared * weight)[0] / scale
+        weight = 1.0 / np.maximum(design @ solution, 0.1 * spread**2)
+    return solution[:2]
+
+
+def _turns(rot1: float, trans: float, rot2: float) -> tuple[float, float]:
+    """As the motion model counts them: below a centimetre a drive has no direction, and there is one turn."""
+    return (rot1, rot2) if abs(trans) >= ON_THE_SPOT else (0.0, rot1 + rot2)
