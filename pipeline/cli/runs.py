@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shutil
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -172,7 +174,16 @@ def _report(run: Replay) -> None:
     ]
     console.note(facts(f"{run.log.name}, seed {run.seed}", rows))
     if run.recorded:
-        console.note(f"look at it: rerun {run.folder.recording}")
+        console.note(f"look at it:  {_viewer()} {run.folder.recording}")
+
+
+def _viewer() -> str:
+    """How to call rerun's viewer from here: it is installed beside this Python, which need not be on the PATH."""
+    beside = Path(sys.executable).with_name("rerun")
+    if shutil.which("rerun") or not beside.exists():
+        return "rerun"
+    here = Path.cwd()
+    return str(beside.relative_to(here) if beside.is_relative_to(here) else beside)
 
 
 def _against_truth(score: Score | None) -> list[tuple[str, str]]:
