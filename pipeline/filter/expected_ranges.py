@@ -24,6 +24,7 @@ from pipeline.maps.range_table import (
     opaque_cells,
     range_codes,
 )
+from pipeline.maps.walls import wall_half_thickness
 
 BIN = 2.0 * math.pi / HEADINGS
 SEARCH_BEAMS = 24
@@ -74,6 +75,8 @@ class ExpectedRanges:
             self._first = int(steps.min())
             self._offsets = ((steps - self._first) % HEADINGS).astype(np.int32)
             self._rows = self._table.padded(int(self._offsets.max()))
+            thickness = wall_half_thickness(grid, config.occupied_threshold)
+            self._row_of_cell = self._table.rows_through_walls(thickness / grid.resolution)
 
     def score(
         self, poses: NDArray[np.float32], log_likelihood: NDArray[np.float32], outside: float, out: NDArray[np.float32]
@@ -91,7 +94,7 @@ class ExpectedRanges:
         else:
             turn = np.float32(yaw + self._first * BIN)
             inv = np.float32(1.0 / self._grid.resolution)
-            table = (HEADINGS, self._table.row_of_cell, self._rows, self._offsets, log_likelihood, np.float32(outside))
+            table = (HEADINGS, self._row_of_cell, self._rows, self._offsets, log_likelihood, np.float32(outside))
             scoring.score(n * k, *poses, x, y, turn, inv, *table, out)
 
     def posterior(
@@ -160,7 +163,7 @@ class ExpectedRanges:
             inv = np.float32(1.0 / self._grid.resolution)
             lx, ly, yaw = self._laser_pose
             turn = np.float32(yaw + self._first * BIN)
-            row, heading = scoring.look_up(x, y, theta, lx, ly, turn, inv, HEADINGS, self._table.row_of_cell)
+            row, heading = scoring.look_up(x, y, theta, lx, ly, turn, inv, HEADINGS, self._row_of_cell)
             if row >= 0:
                 codes[0] = self._rows[row, heading + self._offsets]
         return self.codes.ranges[codes[0]].astype(np.float32)
@@ -171,5 +174,6 @@ class ExpectedRanges:
         lx, ly, yaw = self._laser_pose
         raycast.cast_codes(
             50 * out.size, self._opaque, x, y, theta, lx / cell, ly / cell, yaw, self._angles,
-            self.codes.max_range / cell, self._config.ray_caster == "bresenham", self.codes.scale, LOG_OFFSET / cell, HIT_CODES, UNKNOWN_CODES, out,
+            self.codes.max_range / cell, self._config.ray_caster == "bresenham",
+            self.codes.scale, LOG_OFFSET / cell, HIT_CODES, UNKNOWN_CODES, out,
         )  # fmt: skip

@@ -5,15 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from pipeline.filter.recovery import Rivals
+from pipeline.filter.recovery import Verdict
 from pipeline.filter.step import Event, Step
 
 CONVERGED_SPREAD = 0.5
 """Metres: the belief has converged when its particles lie so close together ..."""
 CONVERGED_WEIGHT = 0.95
 """... and one hypothesis holds so much of the weight."""
-FOUND = 0.5
-"""Share of beams explained, at one scan, from which on a lost and converged filter is said to be found."""
 RESAMPLE_WINDOW = 50
 
 
@@ -56,18 +54,18 @@ class Narrator:
             return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
         return []
 
-    def _health(self, step: Step, explained: float | None, rivals: Rivals | None) -> list[Event]:
-        share = f"{100 * (explained or 0.0):.0f} % of the beams explained"
-        if rivals is not None and rivals.scans and not self._lost:
+    def _health(self, step: Step, verdict: Verdict | None, settled: bool) -> list[Event]:
+        events = []
+        if verdict is not None:
             self._lost = True
-            better = f"the last {rivals.scans} scans fit elsewhere by {rivals.lead:.0f} nats"
-            return [Event("lost", f"Lost at {step.time:.1f} s: {share}, and {better}.", "WARN")]
-        if self._lost and step.spread < CONVERGED_SPREAD and explained is not None and step.explained > FOUND:
+            lead = f"the scans of the last {verdict.since:.1f} s fit elsewhere better by {verdict.lead:.0f} nats"
+            events.append(Event("lost", f"Lost at {step.time:.1f} s: {lead}.", "WARN"))
+        if self._lost and settled and step.estimate.weight > CONVERGED_WEIGHT:
             self._lost = False
             x, y, yaw = step.estimate.pose
             where = f"({x:.2f}, {y:.2f}) m, heading {math.degrees(yaw):.0f} deg"
-            return [Event("found", f"Found again at {step.time:.1f} s on {where}.")]
-        return []
+            events.append(Event("found", f"Found again at {step.time:.1f} s on {where}."))
+        return events
 
     def _resampling(self, step: Step) -> list[Event]:
         self._updates += step.moved

@@ -67,8 +67,11 @@ class Particles:
         noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles)
         move(30 * self.n, *self.poses, m.rot1, m.trans, m.rot2, *noise)
 
-    def weigh(self, temper: float) -> None:
-        """Every particle gains its tempered log-likelihood; then the weights sum to one again."""
+    def weigh(self, temper: float) -> float:
+        """Every particle gains its tempered log-likelihood; then the weights sum to one again.
+
+        Returns the log-evidence of the scan: the logarithm of the weighted mean of the tempered likelihood.
+        """
         n = self.n
         blocks = -(-n // belief.BLOCK)
         largest, sums = np.empty(blocks), np.empty((blocks, 2))
@@ -78,6 +81,7 @@ class Particles:
         total, squares = (float(s) for s in sums.sum(axis=0))
         belief.rescale(2 * n, self.log_weights, self.weights, top + math.log(total), 1.0 / total, blocks)
         self.ess = total**2 / squares
+        return top + math.log(total)
 
     def survive(self, ancestors: NDArray[np.int32]) -> None:
         """Only these particles go on, in so many copies as they are named, all of equal weight."""

@@ -1,0 +1,74 @@
+"""The laser as the filter knows it: which beams it uses, what they mean, and how likely they are anywhere on the map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.filter.beam_model import BeamModel
+from pipeline.filter.expected_ranges import ExpectedRanges, Posterior, select_beams
+from pipeline.filter.range_bias import RangeBias
+from pipeline.filter.step import Beams
+from pipeline.geometry import compose
+from pipeline.logs.messages import Laser, Scan
+from pipeline.maps.occupancy_grid import OccupancyGrid
+
+EXPLAINED_WITHIN = 0.3
+"""Metres: a beam is explained if it ends so close to where the map says it must."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A scan as the sensor model sees it: ``ranges`` (k,) float32 m, corrected; ``rows`` (k, 256) float32, their
+    log-likelihood for every code of the true range; ``outside``: log-likelihood of a pose in a wall; ``temper``: the
+    exponent that lets the scan count as ``independent_beams`` beams; ``valid``: number of beams that say something."""
+
+    ranges: NDArray[np.float32]
+    rows: NDArray[np.float32]
+    outside: float
+    temper: float
+    valid: int
+
+
+class Sensor:
+    """Beams in, likelihoods out."""
+
+    def __init__(self, grid: OccupancyGrid, laser: Laser, config: Config) -> None:
+        self._grid, self._laser, self._config = grid, laser, config
+        self._beams = select_beams(laser, config)
+        max_range = config.laser_max_range or laser.range_max
+        self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range)
+        self._model = BeamModel(config, self._expected.codes, max_range)
+        self._allowed = grid.free(config.free_threshold)
+        self.bias = RangeBias(config, grid)
+
+    def read(self, scan: Scan) -> Reading:
+        """The scan's chosen beams, and their likelihood for every true range."""
+        ranges = self._model.correct(scan.ranges[self._beams], self.bias.value)
+        valid = int(np.count_nonzero(~np.isnan(ranges)))
+        rows = self._model.scan_rows(ranges)
+        return Reading(ranges, rows, self._model.outside(ranges), self._model.temper(ranges), max(1, valid))
+
+    def score(self, poses: NDArray[np.float32], reading: Reading, out: NDArray[np.float32]) -> None:
+        """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32."""
+        self._expected.score(poses, reading.rows, reading.outside, out)
+
+    def search(self, reading: Reading, n: int, key: np.uint64) -> Posterior:
+        """n poses drawn from what this scan alone says of the whole building."""
+        return self._expected.posterior(reading.rows, self._config.independent_beams, self._allowed, n, key)
+
+    def beams_at(self, pose: NDArray[np.float64], reading: Reading) -> Beams:
+        """The beams as they should be and as they are, at a pose (3,) of the robot in the map frame."""
+        expected = self._expected.at(self._grid.to_grid(pose))
+        return Beams(compose(pose, self._laser.pose), self._laser.angles[self._beams], reading.ranges, expected)
+
+
+def explained_share(beams: Beams) -> float:
+    """Share of the beams with a return that end within 0.3 m of where the map says they must; 0 without any."""
+    counted = np.isfinite(beams.measured)
+    if not np.any(counted):
+        return 0.0
+    return float(np.mean(np.abs(beams.measured[counted] - beams.expected[counted]) < EXPLAINED_WITHIN))
