@@ -41,7 +41,7 @@ class Config(BaseModel):
 
     # --- how many particles --------------------------------------------------------------------------
     max_particles: int = Field(30_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
-    min_particles: int = Field(1_000, ge=1, description="Never fewer than these.")
+    min_particles: int = Field(1_000, ge=1, description="Never fewer than these, nor more than max_particles.")
     adaptive: Literal["kld", "duplicates", "none"] = Field(
         "kld",
         description="Their number: by KLD-sampling (Table 8.4), by the report's proposal, or max_particles always.",
@@ -118,8 +118,6 @@ class Config(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:
-        if self.min_particles > self.max_particles:
-            raise ValueError("min_particles must not exceed max_particles")
         if self.init == "pose" and self.initial_pose is None:
             raise ValueError("init=pose needs initial_pose: [x, y, yaw]")
         if self.z_hit + self.z_short + self.z_max + self.z_rand + self.z_long <= 0.0:

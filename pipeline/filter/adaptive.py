@@ -29,7 +29,7 @@ def kld_particles(bin_weights: NDArray[np.float64], config: Config) -> int:
     ``bin_weights`` (m,) weights of the occupied bins, summing to one. Within min_particles and max_particles.
     """
     log_missed = np.log1p(-np.minimum(bin_weights, 1.0 - 1e-12))  # log-probability that one draw misses the bin
-    low, high = config.min_particles, config.max_particles
+    low, high = min(config.min_particles, config.max_particles), config.max_particles
     while low < high:
         n = (low + high) // 2
         hit = len(bin_weights) - float(np.exp(n * log_missed).sum())

@@ -64,12 +64,14 @@ class ExpectedRanges:
         self._angles = laser.angles[beams]
         self.codes = range_codes(grid, max_range)
         self._laser_pose = np.asarray(laser.pose, np.float32)
-        self._table = (
-            load_range_table(grid, config.occupied_threshold, max_range) if config.ray_caster == "table" else None
-        )
-        if self._table is None:
+        # Searching the whole building needs the table, whoever casts the rays of the particles.
+        self._casts = config.ray_caster != "table"
+        searches = config.init == "exhaustive" or config.recovery == "search"
+        self._table = None
+        if self._casts:
             self._opaque = opaque_cells(grid, config.occupied_threshold)
-        else:
+        if searches or not self._casts:
+            self._table = load_range_table(grid, config.occupied_threshold, max_range)
             # Beams as steps of the table's headings from the first beam, so that a row is read forwards only.
             steps = np.round(self._angles / BIN).astype(np.int64)
             self._first = int(steps.min())
@@ -87,7 +89,7 @@ class ExpectedRanges:
         """
         n, k = poses.shape[1], len(self._angles)
         x, y, yaw = self._laser_pose
-        if self._table is None:
+        if self._casts:
             codes = np.empty((n, k), np.uint8)
             self._cast_codes(poses, codes)
             scoring.score_codes(n * k, codes, log_likelihood, np.float32(outside), out)
@@ -128,7 +130,7 @@ class ExpectedRanges:
         exhaustive.cell_masses(work, *scoring, np.float32(temper), *place, best, log_mass)
         top = float(log_mass.max())
         if top == -np.inf:
-            raise MclError("the map has no cell where the robot could stand", "raise free_threshold")
+            raise MclError("the map has no free cell in which the robot and its laser fit", "raise free_threshold")
         mass = np.exp(log_mass.astype(np.float64) - top)
         log_evidence = top + float(np.log(mass.sum() / (np.count_nonzero(allowed) * HEADINGS)))
         draws = np.empty(len(cells), np.int64)
@@ -156,7 +158,7 @@ class ExpectedRanges:
     def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""
         codes = np.zeros((1, len(self._angles)), np.uint8)
-        if self._table is None:
+        if self._casts:
             self._cast_codes(np.asarray(pose, np.float32)[:, None], codes)
         else:
             x, y, theta = np.asarray(pose, np.float32)

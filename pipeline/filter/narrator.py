@@ -26,11 +26,11 @@ class Narrator:
         self._resampled = 0
         self._pace = ""
 
-    def tell(self, step: Step, explained: float | None, rivals: Rivals | None) -> Step:
-        """The step, with its events. ``explained``: smoothed share of the beams; ``rivals``: admitted at this step."""
+    def tell(self, step: Step, verdict: Verdict | None, settled: bool) -> Step:
+        """The step, with its events. ``verdict``: of the recovery, if any; ``settled``: the belief is at one place."""
         events = [
             *self._start(step),
-            *self._health(step, explained, rivals),
+            *self._health(step, verdict, settled),
             *self._belief(step),
             *self._resampling(step),
         ]

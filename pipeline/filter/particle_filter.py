@@ -56,7 +56,7 @@ class ParticleFilter:
         resampled, verdict = False, None
         if moved := self._moved(scan):
             if self._odometry is None:
-                self._start(scan, reading)
+                self._start(reading)
             else:
                 resampled, verdict = self._advance(scan, reading, self._odometry)
             self._odometry = scan.odometry
@@ -71,7 +71,7 @@ class ParticleFilter:
         dx, dy, turn = between(self._odometry, scan.odometry)
         return math.hypot(dx, dy) >= self._config.update_min_d or abs(turn) >= self._config.update_min_a
 
-    def _start(self, scan: Scan, reading: Reading) -> None:
+    def _start(self, reading: Reading) -> None:
         """Particles where config.init says; an exhaustive start has to see the first scan for that."""
         key = stream_key(self._seed, 0, INITIAL)
         if self._config.init == "exhaustive":

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.belief import Belief, patches
@@ -20,13 +16,13 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 RATE = 0.1
 """Share of a new scan in the smoothed share of explained beams: about ten updates of memory."""
 DOUBTFUL = 0.6
-"""Below this smoothed share a challenger is called. Right poses explain 0.5 to 0.95 of the beams: people, open doors and
-rooms that the map lacks take the rest. So doubt is cheap and frequent; the challenger decides."""
+"""Below this smoothed share a challenger is called. Right poses explain 0.5 to 0.95 of the beams: people, open
+doors and rooms that the map lacks take the rest. So doubt is cheap and frequent; the challenger decides."""
 MOST_PER_PATCH = 10.0
 """Nats that one patch may count for or against the challenger: a crowd, or a new door, can spoil any."""
 MARGIN = 16.0
-"""Nats by which a challenger must be ahead to replace the belief: odds of ten million to one, if the scans were all that
-the model takes them for. At right poses, in front of a door that the map lacks, a challenger has been ahead by 14."""
+"""Nats by which a challenger must be ahead to replace the belief: odds of ten million to one, if the scans were
+all that the model takes them for. At right poses, where the map was wrong, one has been ahead by 14."""
 CHALLENGERS = 5000
 """Particles that a challenger never falls below: several places must live in it side by side."""
 PATIENCE = 60.0
@@ -45,9 +41,9 @@ class Verdict:
 class Recovery:
     """Watches the belief, in the way that ``config.recovery`` names.
 
-    ``search``: when few beams are explained, a challenger starts from an exhaustive search of the building. The evidence
-    that the robot was carried away is the challenger's against the belief's own, patch of floor by patch; with a clear
-    lead the challenger takes over.
+    ``search``: when few beams are explained, a challenger starts from an exhaustive search of the building. The
+    evidence that the robot was carried away is the challenger's against the belief's own, patch of floor by patch;
+    with a clear lead the challenger takes over.
     ``augmented``: random newcomers as w_slow and w_fast ask for them (Table 8.3).
     """
 

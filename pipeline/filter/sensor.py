@@ -1,4 +1,4 @@
-"""The laser as the filter knows it: which beams it uses, what they mean, and how likely they are anywhere on the map."""
+"""The laser as the filter knows it: which beams it uses, and how likely they are anywhere on the map."""
 
 from __future__ import annotations
 
