@@ -49,7 +49,7 @@ def tune(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Learn the parameters that fit a robot and its building, from logs alone."""
+    """Learn the parameters of a robot and its building from logs."""
     for path in (output, plot, record):
         if path is not None:
             _check_output(path, force)

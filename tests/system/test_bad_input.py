@@ -95,6 +95,8 @@ BAD_INPUT = {
     "inspect run.rrd --at nan": r"from 0 s to",
     "inspect run.rrd --export letter.txt": r"letter\.txt: .*exists",
     "inspect run.rrd --export nosuch/a.tum": r"nosuch/a\.tum: No such file",
+    "tune nosuch.mcap": r"nosuch\.mcap: no such file",
+    "tune office.mcap -o letter.txt": r"letter\.txt: .*exists.*--force",
     f"simulate nosuch.yaml -o {NEW}": r"nosuch\.yaml: ",
     f"simulate typo.yaml -o {NEW}": r"typo\.yaml:1: unknown key",
     f"simulate unclosed.yaml -o {NEW}": r"unclosed\.yaml:3: ",
