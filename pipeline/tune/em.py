@@ -44,6 +44,11 @@ class Readings:
         """(scans, beams) measured ranges as the model sees them: the bias taken off."""
         return np.maximum(self.measured - bias, 0.0)
 
+    def residuals(self) -> Array:
+        """(m,) measured less true range, m, with its bias, of beams that have both."""
+        both = np.isfinite(self.measured) & np.isfinite(self.expected)
+        return self.measured[both] - self.expected[both]
+
     def log_likelihood(self, config: Config) -> Array:
         """(scans, beams) log p(z | z*) under a configuration whose range_bias is given; 0 for invalid readings."""
         valid = ~np.isnan(self.measured)

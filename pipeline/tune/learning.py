@@ -163,7 +163,7 @@ def _learn(found: Sequence[Found], config: Config) -> _Learned:
     temper = _temper(found, config)
     tried: list[tuple[float, Config]] = []
     for threshold in sorted({*THRESHOLDS, config.occupied_threshold}):
-        half = _fitted(found, config.model_copy(update={"occupied_threshold": threshold}), held_out=False)
+        half = _fitted(found, config.model_copy(update={"occupied_threshold": threshold}))
         rest = [f.evidence(_half(f, held_out=True), half, temper) for f in found]
         tried.append((float(np.concatenate(rest).mean()), half))
     half = max(tried, key=lambda pair: pair[0])[1]
@@ -176,10 +176,11 @@ def _learn(found: Sequence[Found], config: Config) -> _Learned:
     return _Learned(learned, half, thresholds, fit.history)
 
 
-def _fitted(found: Sequence[Found], config: Config, *, held_out: bool) -> Config:
-    parts = [f.readings(_half(f, held_out=held_out), config) for f in found]
-    residuals = np.concatenate([(r.measured - r.expected)[np.isfinite(r.measured - r.expected)] for r in parts])
-    near = residuals[np.abs(residuals) < HITS]
+def _fitted(found: Sequence[Found], config: Config) -> Config:
+    """The beam model of the half that is learned from."""
+    parts = [f.readings(_half(f, held_out=False), config) for f in found]
+    near = np.concatenate([r.residuals() for r in parts])
+    near = near[np.abs(near) < HITS]
     bias = float(np.median(near)) if len(near) else 0.0
     return fit_beam_model(parts, config.model_copy(update={"range_bias": bias})).config
 

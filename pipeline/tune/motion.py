@@ -17,8 +17,14 @@ from pipeline.tune.em import Array
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 WINDOWS = ((0.5, 0.3), (1.0, 0.6), (1.5, 0.9))
 """m, rad: a window ends when the robot has driven or turned so far. Three lengths tell growth from a constant floor."""
+IMPOSSIBLE = 0.5
+"""m, rad: where hindsight jumps, or the robot was carried, the difference is not the odometry's noise."""
 OUTLIER = 5.0
-"""Robust deviations: where hindsight jumps, or the robot was carried, the difference is not the odometry's noise."""
+"""Predicted deviations, beyond which the same is so."""
+SMALLEST_ERROR = 0.002
+"""m, rad: differences below it are rounding."""
+ASTRAY = 0.1
+"""m: a shorter displacement has no direction that could be trusted."""
 SMALLEST = 1e-4
 """A filter whose motion knows no noise cannot follow what it has not seen yet."""
 FEWEST = 20
@@ -47,7 +53,11 @@ def windows(odometry: Array, poses: Array, scans: NDArray[np.int64], config: Con
                 continue
             a, b = scans[begin], scans[k + 1]
             said, was = between(odometry[a], odometry[b]), between(poses[a], poses[b])
-            ahead = said[:2] / max(math.hypot(*said[:2]), 1e-9)
+            distance = math.hypot(*said[:2])
+            # A turn on the spot has no way of its own: then the way it faced half-way.
+            ahead = (
+                said[:2] / distance if distance > ASTRAY else np.array([math.cos(said[2] / 2), math.sin(said[2] / 2)])
+            )
             errors = [float(wrap_angle(was[2] - said[2])), float(ahead @ (was[:2] - said[:2]))]
             rows.append([*errors, *squares[begin : k + 1].sum(axis=0).tolist()])
             begin, path, turned = k + 1, 0.0, 0.0
@@ -72,17 +82,20 @@ def fit_motion(found: Sequence[Array], config: Config) -> Config:
 
 
 def _variances(errors: Array, regressors: Array) -> Array:
+    """What each regressor (n, 2) contributes to the variance of the errors (n,)."""
     from scipy.optimize import nnls
 
-    spread = 1.4826 * float(np.median(np.abs(errors))) + 1e-6
-    kept = np.abs(errors) < OUTLIER * spread
-    squared, design = np.square(errors[kept]), np.column_stack([regressors[kept], np.ones(int(kept.sum()))])
-    scale = np.maximum(design.max(axis=0), 1e-12)  # radians and metres alike near one: better conditioned
-    weight = np.ones(len(squared))
-    solution = np.zeros(3)
+    possible = np.abs(errors) < IMPOSSIBLE
+    squared = np.square(errors[possible])
+    design = np.column_stack([regressors[possible], np.ones(len(squared))])
+    scale = np.maximum(design.max(axis=0, initial=0.0), 1e-9)  # all near one: better conditioned
+    predicted, solution = np.ones(len(squared)), np.zeros(3)
     for _ in range(ROUNDS):
+        used = squared < OUTLIER**2 * predicted
+        weight = used / predicted
         solution = nnls(design / scale * weight[:, None], squared * weight)[0] / scale
-        weight = 1.0 / np.maximum(design @ solution, 0.1 * spread**2)
+        # Never so small that the windows in which nothing happens are all that counts.
+        predicted = np.maximum(design @ solution, SMALLEST_ERROR**2)
     return solution[:2]
 
 
