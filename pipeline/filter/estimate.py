@@ -65,10 +65,8 @@ class Clusters:
 
     def _estimate(self, s: NDArray[np.float64]) -> Estimate:
         delta = s[4:7] / s[0]
-        covariance = np.empty((3, 3))
-        covariance[np.triu_indices(3)] = s[7:13] / s[0]
-        covariance.T[np.triu_indices(3)] = covariance[np.triu_indices(3)]
-        covariance -= np.outer(delta, delta)
+        xx, xy, xt, yy, yt, tt = s[7:13] / s[0]
+        covariance = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]) - np.outer(delta, delta)
         pose = s[1:4] + delta
         cos, sin = np.cos(self._grid.origin[2]), np.sin(self._grid.origin[2])
         turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

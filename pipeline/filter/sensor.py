@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.beam_model import BeamModel
-from pipeline.filter.expected_ranges import ExpectedRanges, Posterior, select_beams
+from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.range_bias import RangeBias
+from pipeline.filter.search import Posterior, Search
 from pipeline.filter.step import Beams
 from pipeline.geometry import compose
 from pipeline.logs.messages import Laser, Scan
@@ -42,7 +43,8 @@ class Sensor:
         max_range = config.laser_max_range or laser.range_max
         self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range)
         self._model = BeamModel(config, self._expected.codes, max_range)
-        self._allowed = grid.free(config.free_threshold)
+        searches = config.init == "exhaustive" or config.recovery == "search"
+        self._search = Search(grid, laser, self._expected, config.free_threshold) if searches else None
         self.bias = RangeBias(config, grid)
 
     def read(self, scan: Scan) -> Reading:
@@ -58,7 +60,8 @@ class Sensor:
 
     def search(self, reading: Reading, n: int, key: np.uint64) -> Posterior:
         """n poses drawn from what this scan alone says of the whole building."""
-        return self._expected.posterior(reading.rows, self._config.independent_beams, self._allowed, n, key)
+        assert self._search is not None, "neither init nor recovery asks for a search"
+        return self._search(reading.rows, self._config.independent_beams, n, key)
 
     def beams_at(self, pose: NDArray[np.float64], reading: Reading) -> Beams:
         """The beams as they should be and as they are, at a pose (3,) of the robot in the map frame."""

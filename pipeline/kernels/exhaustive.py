@@ -29,44 +29,62 @@ def score_cell(row, headings, offsets, log_likelihood, total):
 
 
 @inline
-def standing(cell, width, height, robot_dx, robot_dy, h, allowed):
+def standing(cell, width, height, robot_col, robot_row, h, allowed):
     """Whether the robot's centre is in a cell where it may stand when its laser is in this cell at this heading."""
-    col = int(math.floor(cell % width + 0.5 + robot_dx[h]))
-    row = int(math.floor(cell // width + 0.5 + robot_dy[h]))
+    col = cell % width + robot_col[h]
+    row = cell // width + robot_row[h]
     return 0 <= col < width and 0 <= row < height and allowed[row, col]
 
 
-@paired
-def cell_masses(cells, rows, headings, offsets, log_likelihood, temper, robot_dx, robot_dy, allowed, best, log_mass):
-    """For each open cell its best log-likelihood and the logarithm of its share of the tempered posterior.
-
-    ``cells`` (n,) int32 flat; ``robot_dx, robot_dy`` (headings,) float64: the robot's centre as seen from the laser,
-    in cells; ``allowed`` (height, width) bool -> ``best`` and ``log_mass`` (n,) float32, -inf where no robot can stand.
-    """
+@kernel
+def standing_rows(cells, robot_col, robot_row, allowed):
+    """Indices (m,) int64 into ``cells`` (n,) of those where the robot may stand in at least one heading."""
     height, width = allowed.shape
-    for i in prange(cells.shape[0]):
-        best[i] = log_mass[i] = -np.inf
+    out = np.empty(cells.shape[0], np.int64)
+    m = 0
+    for i in range(cells.shape[0]):
+        for h in range(robot_col.shape[0]):
+            if standing(cells[i], width, height, robot_col, robot_row, h, allowed):
+                out[m] = i
+                m += 1
+                break
+    return out[:m]
+
+
+@inline
+def score_standing(cell, row, offsets, log_likelihood, robot_col, robot_row, allowed, total):
+    """``score_cell``, with -inf in the headings in which the robot cannot stand; returns the best."""
+    height, width = allowed.shape
+    headings = robot_col.shape[0]
+    score_cell(row, headings, offsets, log_likelihood, total)
+    largest = np.float32(-np.inf)
+    for h in range(headings):
+        if not standing(cell, width, height, robot_col, robot_row, h, allowed):
+            total[h] = -np.inf
+        largest = max(largest, total[h])
+    return largest
+
+
+@paired
+def cell_masses(chosen, cells, rows, offsets, log_likelihood, temper, robot_col, robot_row, allowed, best, log_mass):
+    """For each chosen cell its best log-likelihood and the logarithm of its share of the tempered posterior.
+
+    ``chosen`` (m,) int64 rows of the table; ``cells`` (n,) int32 flat; ``robot_col, robot_row`` (headings,) int64: the
+    robot's centre as seen from the laser, in cells; ``allowed`` (height, width) bool -> ``best``, ``log_mass`` (m,)
+    float32, -inf where no robot can stand.
+    """
+    headings = robot_col.shape[0]
+    for j in prange(chosen.shape[0]):
+        i = chosen[j]
         total = np.empty(headings, np.float32)
-        possible = np.empty(headings, np.bool_)
-        somewhere = False
-        for h in range(headings):
-            possible[h] = standing(cells[i], width, height, robot_dx, robot_dy, h, allowed)
-            somewhere |= possible[h]
-        if not somewhere:
-            continue
-        score_cell(rows[i], headings, offsets, log_likelihood, total)
-        largest = np.float32(-np.inf)
-        for h in range(headings):
-            if not possible[h]:
-                total[h] = -np.inf
-            largest = max(largest, total[h])
-        best[i] = largest
+        largest = score_standing(cells[i], rows[i], offsets, log_likelihood, robot_col, robot_row, allowed, total)
+        best[j] = largest
+        log_mass[j] = -np.inf
         if largest > -np.inf:
-            mass = 0.0
+            mass = np.float32(0.0)
             for h in range(headings):
-                if total[h] > -np.inf:
-                    mass += math.exp(temper * (total[h] - largest))
-            log_mass[i] = temper * largest + math.log(mass)
+                mass += math.exp(temper * (total[h] - largest))
+            log_mass[j] = temper * largest + math.log(mass)
 
 
 @kernel
@@ -84,23 +102,18 @@ def split_draws(mass, start, n, draws):
 
 
 @paired
-def draw_headings(chosen, first, cells, rows, headings, offsets, log_likelihood, temper, robot_dx, robot_dy, allowed,
-                  width, at_cell, at_heading):  # fmt: skip
+def draw_headings(chosen, first, cells, rows, offsets, log_likelihood, temper, robot_col, robot_row, allowed,
+                  at_cell, at_heading):  # fmt: skip
     """Within each chosen cell, systematic draws over its headings.
 
     ``chosen`` (m,) int64 rows of the table; ``first`` (m + 1,) int64: the draws of chosen[j] are first[j]..first[j + 1]
     -> ``at_cell`` (n,) int32 flat cell and ``at_heading`` (n,) int32 of the laser.
     """
-    height = allowed.shape[0]
+    headings = robot_col.shape[0]
     for j in prange(chosen.shape[0]):
         i = chosen[j]
         total = np.empty(headings, np.float32)
-        score_cell(rows[i], headings, offsets, log_likelihood, total)
-        largest = np.float32(-np.inf)
-        for h in range(headings):
-            if not standing(cells[i], width, height, robot_dx, robot_dy, h, allowed):
-                total[h] = -np.inf
-            largest = max(largest, total[h])
+        largest = score_standing(cells[i], rows[i], offsets, log_likelihood, robot_col, robot_row, allowed, total)
         mass = 0.0
         for h in range(headings):
             mass += math.exp(temper * (total[h] - largest))

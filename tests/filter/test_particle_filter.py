@@ -1,4 +1,4 @@
-"""The filter as a whole: in the simulated office, whose truth is known, and in a room that looks alike from two ends."""
+"""The filter as a whole: in the simulated office, whose truth is known, and in a room alike from two ends."""
 
 from __future__ import annotations
 

@@ -30,8 +30,9 @@ class World:
         yaw = 2 * np.pi * np.arange(HEADINGS) / HEADINGS - self.laser[2]
         dx = -np.cos(yaw) * self.laser[0] + np.sin(yaw) * self.laser[1]
         dy = -np.sin(yaw) * self.laser[0] - np.cos(yaw) * self.laser[1]
-        scan = self.cells, self.rows, HEADINGS, self.offsets, self.log_likelihood
-        self.arguments = (*scan, np.float32(TEMPER), dx, dy, self.allowed)
+        self.place = np.floor(0.5 + dx).astype(np.int64), np.floor(0.5 + dy).astype(np.int64), self.allowed
+        scan = self.cells, self.rows, self.offsets, self.log_likelihood
+        self.arguments = (*scan, np.float32(TEMPER), *self.place)
 
     def scores(self, row: int) -> np.ndarray:
         """By the twin: (headings,), -inf where no robot can stand."""
@@ -51,7 +52,7 @@ def test_cell_masses(seed: int) -> None:
     results = []
     for work in (0, 10**9):
         best, log_mass = np.empty(60, np.float32), np.empty(60, np.float32)
-        exhaustive.cell_masses(work, *world.arguments, best, log_mass)
+        exhaustive.cell_masses(work, np.arange(60), *world.arguments, best, log_mass)
         results.append((best, log_mass))
         for row in range(60):
             scores = world.scores(row)
@@ -60,6 +61,12 @@ def test_cell_masses(seed: int) -> None:
             assert log_mass[row] == pytest.approx(expected, abs=1e-4)
     for one, all_threads in zip(*results, strict=True):
         np.testing.assert_array_equal(one, all_threads)
+
+
+def test_standing_rows() -> None:
+    world = World(0)
+    expected = [row for row in range(60) if world.scores(row).max() > -math.inf]
+    assert exhaustive.standing_rows(world.cells, *world.place).tolist() == expected
 
 
 @given(
@@ -86,7 +93,7 @@ def test_draw_headings(seed: int) -> None:
     draws = rng.integers(1, 60, 12)
     first = np.concatenate([[0], np.cumsum(draws)])
     at_cell, at_heading = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32)
-    exhaustive.draw_headings(0, chosen, first, *world.arguments, 11, at_cell, at_heading)
+    exhaustive.draw_headings(0, chosen, first, *world.arguments, at_cell, at_heading)
     for row, low, high in zip(chosen, first, first[1:], strict=False):
         assert (at_cell[low:high] == world.cells[row]).all()
         share = np.exp(TEMPER * (world.scores(row) - world.scores(row).max()))
@@ -95,6 +102,6 @@ def test_draw_headings(seed: int) -> None:
         assert (np.abs(counts - share) <= 1 + 1e-4).all()
         assert (counts[share == 0.0] == 0).all()  # never where the robot would stand in a wall
     again = np.empty_like(at_cell), np.empty_like(at_heading)
-    exhaustive.draw_headings(10**9, chosen, first, *world.arguments, 11, *again)
+    exhaustive.draw_headings(10**9, chosen, first, *world.arguments, *again)
     np.testing.assert_array_equal(at_cell, again[0])
     np.testing.assert_array_equal(at_heading, again[1])

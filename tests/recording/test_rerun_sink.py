@@ -158,7 +158,7 @@ def test_recording_id_tells_log_configuration_and_seed_apart():
     ids = {
         entities.recording_id(log, Config(), 0),
         entities.recording_id(log, Config(), 1),
-        entities.recording_id(log, Config(max_particles=7), 0),
+        entities.recording_id(log, Config(max_beams=7), 0),
     }
     assert len(ids) == 3
 

@@ -1,0 +1,85 @@
+"""Where in the building could this scan have been taken? Every open cell and every heading is asked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import MclError
+from pipeline.filter.expected_ranges import BIN, ExpectedRanges
+from pipeline.geometry import compose, inverse
+from pipeline.kernels import exhaustive
+from pipeline.kernels.random import uniforms
+from pipeline.logs.messages import Laser
+from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.maps.range_table import HEADINGS
+
+SEARCH_BEAMS = 24
+"""Beams that a search uses: more would cost in proportion and tell little that is new."""
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What one scan says of every place in the building.
+
+    ``poses`` (3, n) float32 drawn from it, grid frame; ``cells`` (m,) int32 flat indices of the cells that can hold the
+    laser and ``best`` (m,) float32 the log-likelihood of the best heading in each, untempered.
+    """
+
+    poses: NDArray[np.float32]
+    cells: NDArray[np.int32]
+    best: NDArray[np.float32]
+
+
+class Search:
+    """Scores every pose in which the robot stands in a free cell and its laser in an open one."""
+
+    def __init__(self, grid: OccupancyGrid, laser: Laser, expected: ExpectedRanges, free_threshold: float) -> None:
+        if expected.table is None:
+            raise MclError("an exhaustive search needs the table of ranges", "use --set ray_caster=table")
+        self._grid, self._laser, self._expected, self._table = grid, laser, expected, expected.table
+        self._allowed = grid.free(free_threshold)
+        # The laser's own heading: the table's rows count from the first beam.
+        heading = (np.arange(HEADINGS) - expected.first) * BIN
+        laser_poses = np.stack([np.zeros(HEADINGS), np.zeros(HEADINGS), heading], axis=-1)
+        to_robot = compose(laser_poses, inverse(laser.pose))[:, :2] / grid.resolution
+        col, row = np.floor(0.5 + to_robot).astype(np.int64).T
+        self._place = (np.ascontiguousarray(col), np.ascontiguousarray(row), self._allowed)
+        self._rows = exhaustive.standing_rows(self._table.cells, *self._place)
+        if len(self._rows) == 0:
+            raise MclError("the map has no free cell in which the robot and its laser fit", "raise free_threshold")
+
+    def __call__(
+        self, log_likelihood: NDArray[np.float32], independent_beams: float | None, n: int, key: np.uint64
+    ) -> Posterior:
+        """n poses drawn from the tempered posterior of one scan.
+
+        ``log_likelihood`` (k, 256) float32 is thinned to SEARCH_BEAMS of the beams that say something.
+        """
+        telling = np.flatnonzero(np.ptp(log_likelihood, axis=1) > 0.0)
+        used = telling[:: max(1, -(-len(telling) // SEARCH_BEAMS))]
+        temper = 1.0 if independent_beams is None else min(1.0, independent_beams / max(1, len(used)))
+        beams = (self._expected.offsets[used], np.ascontiguousarray(log_likelihood[used]), np.float32(temper))
+        table = (self._table.cells, self._expected.rows)
+        rows, work = self._rows, HEADINGS * len(used)
+        best, log_mass = np.empty(len(rows), np.float32), np.empty(len(rows), np.float32)
+        exhaustive.cell_masses(len(rows) * work, rows, *table, *beams, *self._place, best, log_mass)
+        mass = np.exp(log_mass.astype(np.float64) - float(log_mass.max()))
+        draws = np.empty(len(rows), np.int64)
+        exhaustive.split_draws(mass / mass.sum(), uniforms(key, 1)[0], n, draws)
+        drawn = np.flatnonzero(draws)
+        first = np.concatenate([[0], np.cumsum(draws[drawn])])
+        cell, heading = np.empty(n, np.int32), np.empty(n, np.int32)
+        exhaustive.draw_headings(len(drawn) * work, rows[drawn], first, *table, *beams, *self._place, cell, heading)
+        return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best)
+
+    def _poses(self, cell: NDArray[np.int32], heading: NDArray[np.int32], key: np.uint64) -> NDArray[np.float32]:
+        """(3, n) poses of the robot, anywhere within the laser's cell and heading: the table tells none apart."""
+        jitter = uniforms(key + np.uint64(1), 3 * len(cell)).reshape(3, -1)
+        x = (cell % self._grid.width + jitter[0]) * self._grid.resolution
+        y = (cell // self._grid.width + jitter[1]) * self._grid.resolution
+        yaw = (heading - self._expected.first + jitter[2] - 0.5) * BIN
+        poses = compose(np.stack([x, y, yaw], axis=-1), inverse(self._laser.pose))
+        return np.ascontiguousarray(poses.T.astype(np.float32))
