@@ -24,7 +24,9 @@ def drive(n: int, config: Config, seed: int, jitter: float = 0.0) -> tuple[np.nd
         move = [(0.1, 0.0, 0.0), (0.0, 0.0, 0.1), (0.1, 0.0, 0.05), (0.0, 0.0, -0.15)][kind]
         odometry[k] = compose(odometry[k - 1], move)
         m = odometry_motion(odometry[k - 1], odometry[k], config)
-        rot1, trans, rot2 = rng.normal((m.rot1, m.trans, m.rot2), (m.std_rot1, m.std_trans, m.std_rot2))
+        # On the spot the direction of a drive is rounding: one turn, and a slip the way the robot faces.
+        turns = (m.rot1, m.rot2) if kind % 2 == 0 else (0.0, m.rot1 + m.rot2)
+        rot1, trans, rot2 = rng.normal((turns[0], m.trans, turns[1]), (m.std_rot1, m.std_trans, m.std_rot2))
         poses[k] = compose(compose(poses[k - 1], (0.0, 0.0, rot1)), (trans, 0.0, rot2))
     return odometry, poses + rng.normal(0.0, jitter, poses.shape)
 
