@@ -187,7 +187,7 @@ def _fitted(found: Sequence[Found], config: Config) -> Config:
 
 def _half(found: Found, *, held_out: bool) -> NDArray[np.int64]:
     """Every other segment of the scans that are used."""
-    segment = np.arange(len(found.scans)) // SEGMENT
+    segment = np.arange(len(found.scans)) // min(SEGMENT, len(found.scans) // 4)  # of a short log too there is a rest
     chosen = found.scans[segment % 2 == int(held_out)]
     return chosen[:: max(1, -(-2 * len(chosen) // MOST_SCANS))]
 
