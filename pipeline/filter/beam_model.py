@@ -37,7 +37,7 @@ def mixture_density(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: 
 
 
 def no_return_mass(z_star: ArrayLike, config: Config) -> NDArray[np.float64]:
-    """Probability of a reading without return: z_max; where the map ends no ray, z_hit and z_long have no other place."""
+    """Probability of a reading without return: z_max; where the map ends no ray, also z_hit and z_long."""
     z_star = np.asarray(z_star, float)
     return config.z_max + np.where(np.isfinite(z_star), 0.0, config.z_hit + config.z_long)
 

@@ -21,7 +21,6 @@ from pipeline.maps.range_table import (
     opaque_cells,
     range_codes,
 )
-from pipeline.maps.walls import wall_half_thickness
 
 BIN = 2.0 * math.pi / HEADINGS
 
@@ -38,11 +37,18 @@ class ExpectedRanges:
     """True ranges z* for the chosen beams, as eight-bit codes; and the likelihood of a scan that follows from them.
 
     ``table``: of the map, if anybody needs it; ``rows`` (n, HEADINGS + span) uint8 padded, ``first``: heading of the
-    beam furthest right in the table's steps, ``offsets`` (k,) int32 of the beams from it.
+    beam furthest right in the table's steps, ``offsets`` (k,) int32 of the beams from it. ``half_thickness``: of the
+    map's walls, m; as far inside them a laser still sees what it would see from the nearest open cell.
     """
 
     def __init__(
-        self, grid: OccupancyGrid, laser: Laser, beams: NDArray[np.int64], config: Config, max_range: float
+        self,
+        grid: OccupancyGrid,
+        laser: Laser,
+        beams: NDArray[np.int64],
+        config: Config,
+        max_range: float,
+        half_thickness: float,
     ) -> None:
         self._grid, self._laser, self._config = grid, laser, config
         self._angles = laser.angles[beams]
@@ -61,8 +67,7 @@ class ExpectedRanges:
             self.first = int(steps.min())
             self.offsets = ((steps - self.first) % HEADINGS).astype(np.int32)
             self.rows = self.table.padded(int(self.offsets.max()))
-            thickness = wall_half_thickness(grid, config.occupied_threshold)
-            self._row_of_cell = self.table.rows_through_walls(thickness / grid.resolution)
+            self._row_of_cell = self.table.rows_through_walls(half_thickness / grid.resolution)
 
     def score(
         self, poses: NDArray[np.float32], log_likelihood: NDArray[np.float32], outside: float, out: NDArray[np.float32]

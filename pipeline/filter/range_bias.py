@@ -6,8 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.maps.walls import wall_half_thickness
 
 NEAR = 0.4
 """Metres: only beams that end this close to the expected range say something of the bias."""
@@ -17,17 +15,13 @@ LARGEST = 0.4
 
 
 class RangeBias:
-    """The bias, in metres: ``config.range_bias`` if given; else it starts at half the thickness of the map's walls, and
+    """The bias, in metres: ``config.range_bias`` if given; else it starts at ``half_thickness`` of the map's walls, and
     moves towards the median residual by stochastic approximation (Robbins and Monro): up where more beams end beyond
     the expected range than before it, down otherwise."""
 
-    def __init__(self, config: Config, grid: OccupancyGrid) -> None:
+    def __init__(self, config: Config, half_thickness: float) -> None:
         self._learns = config.range_bias is None
-        self.value = (
-            min(wall_half_thickness(grid, config.occupied_threshold), LARGEST)
-            if config.range_bias is None
-            else config.range_bias
-        )
+        self.value = min(half_thickness, LARGEST) if config.range_bias is None else config.range_bias
 
     def learn(self, measured: NDArray[np.float32], expected: NDArray[np.float32]) -> None:
         """Take in the beams (k,) m of an estimate that is trusted; ``measured`` already has the bias taken off."""

@@ -16,6 +16,7 @@ from pipeline.filter.step import Beams
 from pipeline.geometry import compose
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.maps.walls import wall_half_thickness
 
 EXPLAINED_WITHIN = 0.3
 """Metres: a beam is explained if it ends so close to where the map says it must."""
@@ -41,11 +42,12 @@ class Sensor:
         self._grid, self._laser, self._config = grid, laser, config
         self._beams = select_beams(laser, config)
         max_range = config.laser_max_range or laser.range_max
-        self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range)
+        half_thickness = wall_half_thickness(grid, config.occupied_threshold)
+        self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range, half_thickness)
         self._model = BeamModel(config, self._expected.codes, max_range)
         searches = config.init == "exhaustive" or config.recovery == "search"
         self._search = Search(grid, laser, self._expected, config.free_threshold) if searches else None
-        self.bias = RangeBias(config, grid)
+        self.bias = RangeBias(config, half_thickness)
 
     def read(self, scan: Scan) -> Reading:
         """The scan's chosen beams, and their likelihood for every true range."""

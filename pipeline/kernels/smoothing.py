@@ -10,6 +10,9 @@ from numba import prange
 from pipeline.kernels import inline, paired
 from pipeline.kernels.random import uniform
 
+NOWHERE = 80.0
+"""Squared deviations from which on exp(-x / 2) < 1e-17 counts as zero."""
+
 
 @inline
 def _wrapped(angle):
@@ -25,16 +28,18 @@ def draw_predecessors(x, y, theta, at, moved, std, jump, key, chosen):
     as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
     """
     n = x.shape[0]
+    cos, sin = np.cos(theta), np.sin(theta)
     for j in prange(at.shape[0]):
         density = np.empty(n)
         total = 0.0
         for i in range(n):
-            cos, sin = math.cos(theta[i]), math.sin(theta[i])
             dx, dy = at[j, 0] - x[i], at[j, 1] - y[i]
-            along = (cos * dx + sin * dy - moved[0]) / std[0]
-            across = (-sin * dx + cos * dy - moved[1]) / std[1]
+            along = (cos[i] * dx + sin[i] * dy - moved[0]) / std[0]
+            across = (-sin[i] * dx + cos[i] * dy - moved[1]) / std[1]
             turn = _wrapped(at[j, 2] - theta[i] - moved[2]) / std[2]
-            density[i] = math.exp(-0.5 * (along * along + across * across + turn * turn)) + jump
+            far = along * along + across * across + turn * turn
+            # Most particles are so far away that the exponential is nothing beside the jump.
+            density[i] = jump if far > NOWHERE else math.exp(-0.5 * far) + jump
             total += density[i]
         target = uniform(key, j) * total
         i = 0

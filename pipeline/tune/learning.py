@@ -15,6 +15,7 @@ from pipeline.filter.expected_ranges import select_beams
 from pipeline.filter.range_bias import RangeBias
 from pipeline.localize import localize
 from pipeline.logs.messages import Log, Scan
+from pipeline.maps.walls import wall_half_thickness
 from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model
 from pipeline.tune.motion import ALPHAS, fit_motion, windows
 from pipeline.tune.scans import evidence, readings, trusted
@@ -215,5 +216,6 @@ def _initial_bias(found: Sequence[Found], config: Config) -> float:
     biases = []
     for f in found:
         assert f.log.grid is not None
-        biases.append(RangeBias(config, f.log.grid).value)
+        half_thickness = wall_half_thickness(f.log.grid, config.occupied_threshold)
+        biases.append(RangeBias(config, half_thickness).value)
     return float(np.mean(biases))
