@@ -86,6 +86,8 @@ def convert(
     }
     if len(segments) > 1:
         record["odometry"] = "goes on from where it stood across every gap: see mcl:segments for the source's own"
+        starts = np.searchsorted(log.lines, [segment.first_sequence for segment in segments[1:]])
+        record["kidnapped_at"] = json.dumps(((log.stamps[starts] - log.stamps[log.is_scan][0]) / 1e9).tolist())
     metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
     if map_record:
         metadata[schema.MAP_SOURCE] = map_record

@@ -138,13 +138,15 @@ def load_config(source: str | Path | None = None, overrides: Iterable[str] = (),
     values: dict[str, Any] = {}
     if source is not None:
         values |= _read(source)
+    typed: dict[str, Any] = {}
     for text in overrides:
         key, sep, value = text.partition("=")
         if not sep:
             raise MclError(f"--set {text!r}: expected key=value")
-        values[key.strip()] = _yaml_value(value, f"--set {text}")
-    values |= {k: v for k, v in flags.items() if v is not None}
-    return _validate(values, source)
+        typed[key.strip()] = _yaml_value(value, f"--set {text}")
+    typed |= {k: v for k, v in flags.items() if v is not None}
+    # What is wrong is blamed on the file only if it stands there, and nothing typed takes its place.
+    return _validate(values | typed, {key: source for key in values if key not in typed})
 
 
 def dump_config(config: Config) -> str:
@@ -169,6 +171,8 @@ def _read(source: str | Path) -> dict[str, Any]:
         raise MclError("no such config file or preset", f"presets: {', '.join(preset_names())}", path=path)
     try:
         values = YAML(typ="safe").load(path.read_text())
+    except UnicodeDecodeError as error:
+        raise MclError("not a text file", "expected YAML: parameter: value", path=path) from error
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"
@@ -190,11 +194,13 @@ def _yaml_value(text: str, where: str) -> Any:
         raise MclError(f"{where}: the value is not YAML") from error
 
 
-def _validate(values: Mapping[str, Any], source: str | Path | None) -> Config:
+def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None]) -> Config:
     for key in values:
         if key not in Config.model_fields:
             near = difflib.get_close_matches(key, Config.model_fields, n=1)
-            raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+            raise MclError(
+                f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=file_of.get(key)
+            )
     try:
         return Config.model_validate(values)
     except ValidationError as error:
@@ -202,4 +208,6 @@ def _validate(values: Mapping[str, Any], source: str | Path | None) -> Config:
         key = ".".join(str(p) for p in first["loc"])
         said = first["msg"].removeprefix("Value error, ")
         got = f", got {first['input']!r}" if key else ""
-        raise MclError(f"{key}: {said}{got}" if key else said, path=source) from error
+        raise MclError(
+            f"{key}: {said}{got}" if key else said, path=file_of.get(str(first["loc"][0]) if key else "")
+        ) from error

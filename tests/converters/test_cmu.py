@@ -161,6 +161,8 @@ def test_a_gap_is_a_kidnapping(tmp_path: Path) -> None:
     np.testing.assert_allclose(poses.planar[last + 1], poses.planar[last], atol=1e-9)
     assert log.metadata[schema.SOURCE]["dropped_lines"] == "11"
     assert json.loads(log.metadata[schema.SOURCE]["dropped_intervals_s"]) == [[1.0, 2.0]]
+    after_gap = (raw.stamps[keep][last + 1] - log.stamps[0]) / 1e9
+    assert json.loads(log.metadata[schema.SOURCE]["kidnapped_at"]) == [pytest.approx(after_gap)]
 
 
 def test_a_gap_at_the_start_moves_nothing(tmp_path: Path) -> None:

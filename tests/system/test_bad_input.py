@@ -140,7 +140,6 @@ def test_bad_input_gets_one_line_and_leaves_nothing(typed: str, mcl: Command, de
     assert contents(desk) == before
 
 
-@pytest.mark.xfail(reason="load_config does not expect bytes that are no text")
 def test_a_configuration_that_is_no_text(mcl: Command, desk: Path) -> None:
     done = mcl("localize", "office.mcap", "--config", "binary.yaml", "-o", NEW, code=1, cwd=desk)
     assert re.fullmatch(r"error: .*binary\.yaml: .*\n", done.stderr)
