@@ -22,7 +22,7 @@ from pipeline.recording.run_folder import RunFolder
 if TYPE_CHECKING:
     from pipeline.recording.rerun_sink import Density, RerunSink
 
-HINDSIGHT = "hindsight.tum"
+HINDSIGHT = "trajectory_hindsight.tum"
 
 
 class Progress(Protocol):
@@ -113,7 +113,7 @@ def replay(
             result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched)
             done = time.perf_counter()
             for sink in sinks:
-                sink.finish({"timings": result.seconds, **_figures(log, result)})
+                sink.finish({"timings": result.seconds, **_figures(log, result)}, result.hindsight)
         seconds = result.seconds | {"close": time.perf_counter() - done}
     except MclError:
         shutil.rmtree(folder.path)

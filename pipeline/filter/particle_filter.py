@@ -120,6 +120,7 @@ class ParticleFilter:
             spread=p.spread(at_x, at_y),
             moved=moved,
             resampled=resampled,
+            heat=self._sensor.heat(),
         )
 
 

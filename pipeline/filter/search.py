@@ -25,7 +25,7 @@ class Posterior:
     """What one scan says of every place in the building.
 
     ``poses`` (3, n) float32 drawn from it, grid frame; ``cells`` (m,) int32 flat indices of the cells that can hold the
-    laser and ``best`` (m,) float32 the log-likelihood of the best heading in each, untempered.
+    laser and ``best`` (m,) float32 the log-likelihood of the best heading in each, tempered.
     """
 
     poses: NDArray[np.float32]
@@ -73,7 +73,7 @@ class Search:
         first = np.concatenate([[0], np.cumsum(draws[drawn])])
         cell, heading = np.empty(n, np.int32), np.empty(n, np.int32)
         exhaustive.draw_headings(len(drawn) * work, rows[drawn], first, *table, *beams, *self._place, cell, heading)
-        return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best)
+        return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best * np.float32(temper))
 
     def _poses(self, cell: NDArray[np.int32], heading: NDArray[np.int32], key: np.uint64) -> NDArray[np.float32]:
         """(3, n) poses of the robot, anywhere within the laser's cell and heading: the table tells none apart."""

@@ -20,6 +20,8 @@ from pipeline.maps.walls import wall_half_thickness
 
 EXPLAINED_WITHIN = 0.3
 """Metres: a beam is explained if it ends so close to where the map says it must."""
+HOTTEST = 8000
+"""Cells that a search is remembered by."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,12 @@ class Sensor:
         self._model = BeamModel(config, self._expected.codes, max_range)
         searches = config.init == "exhaustive" or config.recovery == "search"
         self._search = Search(grid, laser, self._expected, config.free_threshold) if searches else None
+        self._searched: Posterior | None = None
         self.bias = RangeBias(config, half_thickness)
 
     def read(self, scan: Scan) -> Reading:
         """The scan's chosen beams, and their likelihood for every true range."""
+        self._searched = None
         ranges = self._model.correct(scan.ranges[self._beams], self.bias.value)
         valid = int(np.count_nonzero(~np.isnan(ranges)))
         rows = self._model.scan_rows(ranges)
@@ -63,7 +67,21 @@ class Sensor:
     def search(self, reading: Reading, n: int, key: np.uint64) -> Posterior:
         """n poses drawn from what this scan alone says of the whole building."""
         assert self._search is not None, "neither init nor recovery asks for a search"
-        return self._search(reading.rows, self._config.independent_beams, n, key)
+        self._searched = self._search(reading.rows, self._config.independent_beams, n, key)
+        return self._searched
+
+    def heat(self) -> NDArray[np.float32] | None:
+        """(m, 3) x, y (m, map frame) of the best cells of the search made for the scan just read, with their nats
+        behind the best; None if there was none."""
+        if self._searched is None:
+            return None
+        order = np.argsort(-self._searched.best, kind="stable")[:HOTTEST]
+        cells, best = self._searched.cells[order], self._searched.best[order]
+        row, col = np.divmod(cells, self._grid.width)
+        centre = np.stack([(col + 0.5), (row + 0.5), np.zeros(len(cells))], axis=-1) * self._grid.resolution
+        heat = self._grid.to_map(centre)
+        heat[:, 2] = best - best[0]
+        return heat.astype(np.float32)
 
     def beams_at(self, pose: NDArray[np.float64], reading: Reading) -> Beams:
         """The beams as they should be and as they are, at a pose (3,) of the robot in the map frame."""

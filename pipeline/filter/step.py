@@ -52,6 +52,8 @@ class Step:
     the weights sum to one, before resampling; ``clusters``: the hypotheses, heaviest first, ``estimate`` is the first.
     ``ess``: effective sample size 1 / sum(w^2); ``mean_likelihood``: geometric mean over beams and mean over
     particles of p(z | z*), per metre; ``explained``: share of the estimate's beams that the map explains;
+    ``heat`` (m, 3) float32, where the building was searched at this scan: x, y in the map frame of the best cells, and
+    by how many nats, tempered, the best pose in each is behind the best of all (0 or less).
     ``spread``: RMS distance of the particles from the estimate, m; ``moved``: the robot moved since the last update.
     """
 
@@ -69,4 +71,5 @@ class Step:
     spread: float
     moved: bool
     resampled: bool
+    heat: NDArray[np.float32] | None = None
     events: tuple[Event, ...] = ()

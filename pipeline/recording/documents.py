@@ -24,6 +24,8 @@ The robot moves, the particles move with it; the laser measures, and what does n
 | orange dots | where these beams should end; if elsewhere, the estimate is wrong or somebody is in the way |
 | grey stubs | beams without return |
 | pink ellipses with a share | other hypotheses, with their part of the weight |
+| a carpet of such dots | for a second, what a search of the building found: the best pose in each cell |
+| light blue line | the path as known at the end of the log |
 | green ring, arrow and line | the truth, where the log knows it |
 
 Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the

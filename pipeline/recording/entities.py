@@ -16,6 +16,7 @@ LOG_TIME = "log_time"  # timeline: wall clock; what `rerun rrd compare` leaves o
 # The map frame, metres. What moves with the robot hangs below a transform of its own.
 WORLD = "/world"
 MAP = "/world/map"
+HEAT = "/world/heat"  # what a search of the building found
 PARTICLES = "/world/particles"
 LASER = "/world/laser"
 MEASURED = "/world/laser/measured"
@@ -27,6 +28,7 @@ ESTIMATE_HEADING = "/world/estimate/heading"
 COVARIANCE = "/world/covariance"
 HYPOTHESES = "/world/hypotheses"
 PATH = "/world/path"
+HINDSIGHT = "/world/hindsight"
 TRUTH = "/world/truth"
 TRUTH_BODY = "/world/truth/body"
 TRUTH_HEADING = "/world/truth/heading"

@@ -16,6 +16,7 @@ NO_RETURN: Colour = (150, 150, 150)
 ESTIMATE: Colour = (204, 0, 110)
 TRUTH: Colour = (0, 140, 100)
 HYPOTHESIS: Colour = (240, 110, 180)
+HINDSIGHT: Colour = (86, 180, 233)
 NEUTRAL: Colour = (130, 130, 130)
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
@@ -33,6 +34,16 @@ WEIGHT_COLOURS: NDArray[np.uint8] = np.array(
     ],
     dtype=np.uint8,
 )  # fmt: skip
+
+
+HEAT_RANGE = 5.0
+"""Nats behind the best cell at which the colours of a search end."""
+
+
+def heat_levels(heat: NDArray[np.float32]) -> NDArray[np.int64]:
+    """Index into WEIGHT_COLOURS for nats behind the best cell (m,), 0 or less: the best is the darkest."""
+    scaled = (1.0 + np.clip(heat, -HEAT_RANGE, 0.0) / HEAT_RANGE) * len(WEIGHT_COLOURS)
+    return np.minimum(scaled.astype(np.int64), len(WEIGHT_COLOURS) - 1)
 
 
 def weight_levels(log_weights: NDArray[np.float64], chosen: NDArray[np.int64]) -> NDArray[np.int64]:

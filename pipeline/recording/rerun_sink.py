@@ -30,6 +30,7 @@ Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
 JUMP = 0.5  # metres beyond what the odometry moved: the path is not drawn across
+HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
 class RerunSink:
@@ -55,6 +56,7 @@ class RerunSink:
         self._frames: list[Frame] = []
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
+        self._heated: float | None = None
         self._closed = False
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
         self._stream = rr.RecordingStream(
@@ -95,17 +97,21 @@ class RerunSink:
         )
         self._previous = (step, pose)
         self._frames.append(frame)
+        self._log_heat(step)
         if len(self._frames) >= BATCH:
             self._flush()
 
-    def finish(self, summary: dict[str, Any]) -> None:
-        """Adds what is known only at the end: JSON-like figures, and under "timings" wall times in seconds by name.
+    def finish(self, summary: dict[str, Any], hindsight: NDArray[np.float64] | None = None) -> None:
+        """Adds what is known only at the end: JSON-like figures, and under "timings" wall times in seconds by name;
+        and the path in hindsight, (n, 3) poses in the map frame, one for each scan.
 
         Wall times differ between equal runs. They are stored on the wall-clock timeline, which ``rerun rrd
         compare`` leaves out, so that equal runs compare as equal: a first row without a name, then the parts
         laid end to end, each at its end. So the rows, which rerun sorts by time, keep their order.
         """
         self._flush()
+        if hindsight is not None:
+            self._log_hindsight(hindsight)
         timings = summary.get("timings", {})
         figures = {key: value for key, value in summary.items() if key != "timings"}
         self._property(entities.PROPERTY_RESULT, {"figures": json.dumps(figures, default=_plain, allow_nan=True)})
@@ -142,6 +148,29 @@ class RerunSink:
         odometry = between(self._log.odometry[before.index], self._log.odometry[step.index])
         travelled, jumped = np.hypot(*odometry[:2]), np.hypot(*(step.estimate.pose[:2] - pose[:2]))
         return bool(jumped <= travelled + JUMP)
+
+    def _log_heat(self, step: Step) -> None:
+        """The cells of a search, for a second; sent at once, since there are few of them and many cells."""
+        over = self._heated is not None and step.time > self._heated + HEAT_SHOWN
+        if step.heat is None and not over:
+            return
+        heat = step.heat if step.heat is not None else np.empty((0, 3), np.float32)
+        heat = heat[heat[:, 2] > -palette.HEAT_RANGE]
+        self._heated = step.time if len(heat) else None
+        assert self._log.grid is not None
+        points = rr.Points3D.columns(
+            positions=np.column_stack([heat[:, :2], np.full(len(heat), 0.01, np.float32)]),
+            colors=palette.WEIGHT_COLOURS[palette.heat_levels(heat[:, 2])],
+            radii=np.full(len(heat), self._log.grid.resolution / 2, np.float32),
+        )
+        self._outbox.append((entities.HEAT, timelines([step.index], [step.time]), points.partition([len(heat)])))
+
+    def _log_hindsight(self, poses: NDArray[np.float64]) -> None:
+        """The whole path at once, in pieces where it jumps: what hindsight knows, it knows from the start."""
+        steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        pieces = np.split(poses[:, :2], np.flatnonzero(steps > JUMP) + 1)
+        strips = [np.column_stack([p, np.full(len(p), 0.025)]) for p in pieces if len(p) > 1]
+        self._static(entities.HINDSIGHT, rr.LineStrips3D(strips, colors=[palette.HINDSIGHT] * len(strips)))
 
     def _static(self, entity: str, *archetypes: Any) -> None:
         self._stream.log(entity, *archetypes, static=True)

@@ -17,6 +17,7 @@ def styles() -> dict[str, list[Any]]:
     """Static archetypes by entity."""
     return {
         entities.PARTICLES: [rr.Points3D.from_fields(radii=_dot), rr.Arrows3D.from_fields(radii=_thin)],
+        entities.HINDSIGHT: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.HINDSIGHT)],
         entities.MEASURED: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.MEASURED)],
         entities.NO_RETURN: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.NO_RETURN)],
         entities.EXPECTED: [rr.Points3D.from_fields(radii=_dot, colors=palette.EXPECTED)],
