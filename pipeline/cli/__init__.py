@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from pipeline import __version__, console
+from pipeline.cli.benching import bench
 from pipeline.cli.evaluation import evaluate
 from pipeline.cli.logs import convert, export, simulate
 from pipeline.cli.parameters import config
@@ -53,7 +54,7 @@ app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, convert, localize, inspect, evaluate, tune, simulate, export, config):
+for command in (demo, convert, localize, inspect, evaluate, tune, simulate, export, config, bench):
     app.command()(command)
 
 

@@ -39,7 +39,8 @@ class paired:  # noqa: N801  (a decorator)
         return (self.parallel if work >= PARALLEL_WORK else self.serial)(*args)
 
 
-PARALLEL_WORK = 100_000
+PARALLEL_WORK = 1_000_000
+"""About a millisecond: less is not worth the wait for threads that a busy machine may have put aside."""
 
 
 def compiled() -> bool:
