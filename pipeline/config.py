@@ -71,14 +71,14 @@ class Config(BaseModel):
     )
 
     # --- beam model of the range finder (Table 6.1) --------------------------------------------------------
-    z_hit: NonNegative = Field(0.62, description="Weight of the Gaussian around the true range.")
+    z_hit: NonNegative = Field(0.6, description="Weight of the Gaussian around the true range.")
     z_short: NonNegative = Field(0.1, description="Weight of unexpected obstacles before it.")
-    z_max: NonNegative = Field(0.02, description="Weight (a mass) of readings without return.")
-    z_rand: NonNegative = Field(0.02, description="Weight of unexplained readings, uniform over the range.")
-    z_long: NonNegative = Field(0.24, description="Weight of readings beyond it: open doors, rooms that the map lacks.")
-    sigma_hit: Positive = Field(0.12, description="Standard deviation of the Gaussian, m.")
+    z_max: NonNegative = Field(0.05, description="Weight (a mass) of readings without return.")
+    z_rand: NonNegative = Field(0.1, description="Weight of unexplained readings, uniform over the range.")
+    z_long: NonNegative = Field(0.15, description="Weight of readings beyond it: open doors, rooms that the map lacks.")
+    sigma_hit: Positive = Field(0.15, description="Standard deviation of the Gaussian, m.")
     lambda_short: Positive = Field(0.5, description="Rate of the exponential of unexpected obstacles, 1/m.")
-    lambda_long: Positive = Field(0.8, description="Rate of the exponential of readings beyond the true range, 1/m.")
+    lambda_long: Positive = Field(0.3, description="Rate of the exponential of readings beyond the true range, 1/m.")
     independent_beams: Positive | None = Field(
         4.0,
         description="A scan counts as so many independent beams, however many are used: neighbours err together. "
