@@ -65,6 +65,10 @@ def _format_of(path: Path) -> ModuleType:
     for kind in formats():
         if kind.sniff(path, head):
             return kind
+    if head.startswith(b"\x89MCAP"):
+        raise MclError(
+            "this is an MCAP file already", "mcl localize reads it as it is, with --map if it has none", path=path
+        )
     known = ", ".join(kind.DESCRIPTION for kind in formats())
     begin = head.split(b"\n", 1)[0][:40].decode("ascii", errors="replace")
     raise MclError(f"a log of no known format, beginning {begin!r}", f"known: {known}", path=path)

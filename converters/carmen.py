@@ -119,8 +119,8 @@ def _arrange(raw: CarmenLog, drop: Sequence[tuple[float, float]], source: Path) 
     since = raw.stamps - raw.stamps[0]
     keep = np.ones(len(raw), dtype=np.bool_)
     for begin, end in drop:
-        if not (math.isfinite(begin) and math.isfinite(end) and begin <= end):
-            raise MclError(f"an interval to drop must be begin <= end in seconds, not {begin}..{end}")
+        if not (math.isfinite(begin) and math.isfinite(end) and 0 <= begin <= end):
+            raise MclError(f"an interval to drop must be 0 <= begin <= end in seconds, not {begin}..{end}")
         keep &= (since < round(begin * 1e9)) | (since > round(end * 1e9))
     if not keep.any():
         raise MclError("nothing is left: every scan lies in what is to be dropped", path=source)

@@ -178,8 +178,8 @@ def _arrange(
         raise MclError("the joined logs last too long for ROS 2 stamps", path=sources[-1])
     keep = np.ones(len(joined), dtype=np.bool_)
     for begin, end in drop:
-        if not (math.isfinite(begin) and math.isfinite(end) and begin <= end):
-            raise MclError(f"an interval to drop must be begin <= end in seconds, not {begin}..{end}")
+        if not (math.isfinite(begin) and math.isfinite(end) and 0 <= begin <= end):
+            raise MclError(f"an interval to drop must be 0 <= begin <= end in seconds, not {begin}..{end}")
         since = joined.stamps - joined.stamps[0]
         keep &= (since < round(begin * 1e9)) | (since > round(end * 1e9))
     if not (keep & joined.is_scan).any():

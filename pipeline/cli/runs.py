@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from pipeline.recording.run_folder import RunFolder
     from pipeline.replay import Replay
 
+DOUBTFUL = 0.4
+"""Share of beams explained, since the belief converged, below which a summary warns."""
+
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
 ThreadsOption = Annotated[
     int | None, typer.Option(min=1, help="Threads; all cores if not given. The result does not depend on it.")
@@ -155,7 +158,8 @@ def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int
         return replay(log, config, folder, seed=seed, threads=threads, record=record, progress=console.progress)
     except (KeyboardInterrupt, SystemExit):
         if record:
-            console.note(f"stopped; recorded until then: {folder.recording}")
+            until = f"recorded until then: {folder.recording}" if folder.recording.exists() else "nothing recorded yet"
+            console.note(f"stopped; {until}")
         raise
 
 
@@ -166,6 +170,7 @@ def _report(run: Replay) -> None:
     rows = [
         ("scans", f"{len(run.log):,} in {run.log.duration:.1f} s"),
         ("converged", "never" if converged is None else f"at {converged:.1f} s"),
+        *((event.kind, f"at {at:.1f} s") for _, at, event in run.result.events if event.kind in ("lost", "found")),
         ("end pose", f"x {x:.2f} m, y {y:.2f} m, yaw {math.degrees(yaw):.1f} deg"),
         ("explained by the map", f"{percent(run.explained)} of the beams"),
         *_against_truth(run.score),
@@ -173,6 +178,10 @@ def _report(run: Replay) -> None:
         ("speed", f"{run.speed:.0f} times real time"),
     ]
     console.note(facts(f"{run.log.name}, seed {run.seed}", rows))
+    if run.explained < DOUBTFUL:
+        console.note(
+            f"do not trust this: a right pose is explained better than {percent(DOUBTFUL)}; is it the right map?"
+        )
     if run.recorded:
         console.note(f"look at it:  {_viewer()} {run.folder.recording}")
 
