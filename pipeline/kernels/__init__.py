@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 from numba import njit
@@ -29,7 +30,11 @@ class paired:  # noqa: N801  (a decorator)
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.serial = kernel(function)
-        self.parallel = _parallel(function)
+        # numba's cache on disk knows functions by name, not by flags: under one name the form compiled first would
+        # be loaded for both.
+        twin = FunctionType(function.__code__, function.__globals__, f"{function.__name__}_parallel")
+        twin.__module__, twin.__qualname__ = function.__module__, twin.__name__
+        self.parallel = _parallel(twin)
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
         self.__module__ = function.__module__
@@ -39,8 +44,8 @@ class paired:  # noqa: N801  (a decorator)
         return (self.parallel if work >= PARALLEL_WORK else self.serial)(*args)
 
 
-PARALLEL_WORK = 1_000_000
-"""About a millisecond: less is not worth the wait for threads that a busy machine may have put aside."""
+PARALLEL_WORK = 500_000
+"""About half a millisecond: less is not worth the wait for threads that a busy machine may have put aside."""
 
 
 def compiled() -> bool:
