@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -56,6 +57,14 @@ def test_headings_stay_within_a_turn() -> None:
     for motion in [(1.5, 0.1, 3.1), (-1.5, 0.1, -3.1), (0.0, 0.0, math.pi)]:
         theta = moved(poses, motion, (0.1, 0.1, 0.1), stream_key(0, 0, 0))[:, 2]
         assert np.abs(theta).max() <= np.float32(math.pi)
+
+
+@pytest.mark.xfail(strict=True, reason="one turn is taken off at most: a draw of several leaves [-pi, pi)")
+def test_headings_stay_within_a_turn_whatever_the_noise() -> None:
+    """2 m between two updates are enough for this with the course's alpha2, 1 rad^2/m^2."""
+    poses = random_poses(np.random.default_rng(4), 50_000)
+    theta = moved(poses, (0.0, 2.0, 0.0), (2.0, 0.2, 2.0), stream_key(0, 0, 0))[:, 2]
+    assert np.abs(theta).max() <= np.float32(math.pi)
 
 
 def test_a_particle_moves_the_same_wherever_it_stands_in_the_array() -> None:
