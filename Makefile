@@ -38,7 +38,7 @@ format: $(INSTALLED)  ## Mend style where a tool can
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-bench: $(INSTALLED)  ## Measure speed and accuracy
+bench: $(INSTALLED)  ## Measure speed
 	$(BIN)/mcl bench
 
 clean:  ## Remove caches and built files; recordings and .venv stay
