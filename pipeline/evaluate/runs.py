@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.evaluate.metrics import Array, interpolate, known, laser_to_base, score
+from pipeline.evaluate.metrics import Array, interpolate, known, laser_to_base, score, search
 from pipeline.evaluate.report import Evaluation, LogEvaluation, Run, versions
 from pipeline.logs.messages import Log, Trajectory
 
@@ -131,10 +131,15 @@ def _case(log: Log, reference: Trajectory | None, frame: str, kidnapped_at: Sequ
     if not known(truth).any():
         spans = f"it covers {_span(reference.stamps)}, the log {_span(log.stamps)}"
         raise MclError(f"the reference does not overlap the log in time: {spans}", path=log.path)
-    return _Case(log, truth, tuple(kidnapped_at) or _kidnapped_in(log.metadata))
+    moments = tuple(kidnapped_at) or kidnapped_in(log.metadata)
+    try:
+        search(log.times, known(truth), known(truth), moments)  # what is wrong with them is known before any run
+    except MclError as error:
+        raise MclError(error.message, error.hint, path=log.path) from error
+    return _Case(log, truth, moments)
 
 
-def _kidnapped_in(metadata: Mapping[str, Mapping[str, str]]) -> tuple[float, ...]:
+def kidnapped_in(metadata: Mapping[str, Mapping[str, str]]) -> tuple[float, ...]:
     """Seconds that a record of the log's metadata gives under "kidnapped_at", however it separates them."""
     texts = (record.get("kidnapped_at", "") for record in metadata.values())
     return tuple(float(number) for text in texts for number in re.findall(r"[0-9.]+(?:e[-+]?[0-9]+)?", text))

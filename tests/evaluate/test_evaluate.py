@@ -220,6 +220,15 @@ def test_as_many_references_as_logs():
         evaluate([make_log()], [None], Config(), runs=0, jobs=1, runner=stub)
 
 
+@pytest.mark.parametrize("at", [SCANS + 5.0, 0.0, -3.0, float("nan"), float("inf")])
+def test_a_kidnapping_outside_the_log_is_known_before_any_run(at):
+    def runner(*_, **__):
+        raise AssertionError("it ran")
+
+    with pytest.raises(MclError, match=r"ring\.mcap: kidnapped at .* the log runs from 0 to 59 s"):
+        evaluate([make_log()], [None], Config(), runs=1, jobs=1, kidnapped_at=[30.0, at], runner=runner)
+
+
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_the_error_of_a_run_arrives_whole(jobs):
     with pytest.raises(MclError) as caught:
