@@ -12,6 +12,7 @@ from pipeline.kernels.random import random_bits
 
 _LOW16 = np.uint64(0xFFFF)
 _S16, _S32 = np.uint64(16), np.uint64(32)
+_HALF_TURN = np.float32(math.pi)
 
 
 @paired
@@ -28,8 +29,10 @@ def move(x, y, theta, rot1, trans, rot2, std1, std_t, std2, key, quantiles):
         heading = turn + np.float32(rot2 + std2 * quantiles[(bits >> _S32) & _LOW16])
         x[i] += drive * np.float32(math.cos(turn))
         y[i] += drive * np.float32(math.sin(turn))
-        if heading >= np.float32(math.pi):
-            heading -= np.float32(2.0 * math.pi)
-        elif heading < np.float32(-math.pi):
-            heading += np.float32(2.0 * math.pi)
+        if heading >= _HALF_TURN or heading < -_HALF_TURN:
+            # As many turns as it takes: wide noise needs more than one. In double, since there may be many.
+            within = heading - 2.0 * math.pi * np.floor((heading + math.pi) / (2.0 * math.pi))
+            heading = np.float32(within)
+            if heading >= _HALF_TURN:  # rounded up to the border
+                heading = -_HALF_TURN
         theta[i] = heading
