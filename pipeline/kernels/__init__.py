@@ -32,7 +32,8 @@ class paired:  # noqa: N801  (a decorator)
         self.serial = kernel(function)
         # numba's cache on disk knows functions by name, not by flags: under one name the form compiled first would
         # be loaded for both.
-        twin = FunctionType(function.__code__, function.__globals__, f"{function.__name__}_parallel")
+        name, defaults = f"{function.__name__}_parallel", function.__defaults__
+        twin = FunctionType(function.__code__, function.__globals__, name, defaults)
         twin.__module__, twin.__qualname__ = function.__module__, twin.__name__
         self.parallel = _parallel(twin)
         self.__doc__ = function.__doc__

@@ -11,6 +11,9 @@ import numpy as np
 from numba import prange
 
 from pipeline.kernels import inline, kernel, paired
+from pipeline.kernels.random import uniform
+
+_NO_KEY = np.uint64(0)
 
 
 @inline
@@ -103,11 +106,12 @@ def split_draws(mass, start, n, draws):
 
 @paired
 def draw_headings(chosen, first, cells, rows, offsets, log_likelihood, temper, robot_col, robot_row, allowed,
-                  at_cell, at_heading):  # fmt: skip
-    """Within each chosen cell, systematic draws over its headings.
+                  at_cell, at_heading, key=_NO_KEY):  # fmt: skip
+    """Within each chosen cell, systematic draws over its headings, from a random start of the cell's own.
 
-    ``chosen`` (m,) int64 rows of the table; ``first`` (m + 1,) int64: the draws of chosen[j] are first[j]..first[j + 1]
-    -> ``at_cell`` (n,) int32 flat cell and ``at_heading`` (n,) int32 of the laser.
+    ``chosen`` (m,) int64 rows of the table; ``first`` (m + 1,) int64: the draws of chosen[j] are first[j] to
+    first[j + 1]; ``key`` of the random stream, in which first[j] is the counter -> ``at_cell`` (n,) int32
+    flat cell and ``at_heading`` (n,) int32 of the laser.
     """
     headings = robot_col.shape[0]
     for j in prange(chosen.shape[0]):
@@ -118,10 +122,11 @@ def draw_headings(chosen, first, cells, rows, offsets, log_likelihood, temper, r
         for h in range(headings):
             mass += math.exp(temper * (total[h] - largest))
         n = first[j + 1] - first[j]
+        start = 1.0 - uniform(key, first[j])  # above 0, so that a heading without mass is never the first
         h = 0
         cumulative = math.exp(temper * (total[0] - largest))
         for d in range(n):
-            target = (d + 0.5) / n * mass
+            target = (d + start) / n * mass
             while cumulative < target and h < headings - 1:
                 h += 1
                 cumulative += math.exp(temper * (total[h] - largest))

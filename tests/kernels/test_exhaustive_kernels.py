@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.kernels import exhaustive
+from pipeline.kernels.random import stream_key
 
 HEADINGS, TEMPER = 36, 0.3
 
@@ -93,7 +94,8 @@ def test_draw_headings(seed: int) -> None:
     draws = rng.integers(1, 60, 12)
     first = np.concatenate([[0], np.cumsum(draws)])
     at_cell, at_heading = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32)
-    exhaustive.draw_headings(0, chosen, first, *world.arguments, at_cell, at_heading)
+    key = stream_key(seed, 0, 0)
+    exhaustive.draw_headings(0, chosen, first, *world.arguments, at_cell, at_heading, key)
     for row, low, high in zip(chosen, first, first[1:], strict=False):
         assert (at_cell[low:high] == world.cells[row]).all()
         share = np.exp(TEMPER * (world.scores(row) - world.scores(row).max()))
@@ -102,12 +104,28 @@ def test_draw_headings(seed: int) -> None:
         assert (np.abs(counts - share) <= 1 + 1e-4).all()
         assert (counts[share == 0.0] == 0).all()  # never where the robot would stand in a wall
     again = np.empty_like(at_cell), np.empty_like(at_heading)
-    exhaustive.draw_headings(10**9, chosen, first, *world.arguments, *again)
+    exhaustive.draw_headings(10**9, chosen, first, *world.arguments, *again, key)
     np.testing.assert_array_equal(at_cell, again[0])
     np.testing.assert_array_equal(at_heading, again[1])
 
 
-@pytest.mark.xfail(strict=True, reason="a cell's single draw is always its median heading, not a random one")
+def test_each_heading_is_drawn_as_often_as_it_deserves() -> None:
+    """Over many keys, of one draw in a cell and of three."""
+    world = World(1)
+    row = max(range(60), key=lambda r: np.count_nonzero(np.isfinite(world.scores(r))))
+    share = np.exp(TEMPER * (world.scores(row) - world.scores(row).max()))
+    share /= share.sum()
+    for n in (1, 3):
+        first, keys = np.array([0, n]), 4000
+        counts = np.zeros(HEADINGS)
+        for k in range(keys):
+            out = np.empty(n, np.int32), np.empty(n, np.int32)
+            exhaustive.draw_headings(0, np.array([row]), first, *world.arguments, *out, stream_key(k, 0, 0))
+            counts += np.bincount(out[1], minlength=HEADINGS)
+        deviation = np.sqrt(n * keys * share * (1 - share))  # a systematic draw has no more than an independent one
+        assert (np.abs(counts - n * keys * share) <= 4.5 * deviation + 1e-9).all()
+
+
 def test_one_draw_a_cell_is_a_fair_draw() -> None:
     """A corridor: every cell fits a heading and its opposite, 55 to 45. Of one draw in each of a few cells some must
     be the opposite, or one of two places is lost before the second scan."""
