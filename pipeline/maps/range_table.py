@@ -66,17 +66,19 @@ class RangeTable:
     rows: NDArray[np.uint8]
 
     def rows_through_walls(self, reach: float) -> NDArray[np.int32]:
-        """``row_of_cell`` with the row of the nearest open cell in every cell up to ``reach`` cells inside a wall.
+        """``row_of_cell`` with the row of the nearest open cell in every cell whose centre lies up to ``reach`` cells
+        inside a wall.
 
         A map whose walls are smeared closes its own doors: a robot that drives through one must not fall off the map.
         """
-        if reach < 1.0:
+        if reach < 0.5:
             return self.row_of_cell
         from scipy import ndimage
 
         distance, nearest = ndimage.distance_transform_edt(self.row_of_cell < 0, return_indices=True)
         filled = self.row_of_cell[tuple(nearest)]
-        return np.where(distance <= reach, filled, np.int32(-1)).astype(np.int32)
+        # The open cell's border is half a cell nearer than its centre; and 1.5 cells in metres may come back as less.
+        return np.where(distance - 0.5 <= reach + 1e-6, filled, np.int32(-1)).astype(np.int32)
 
     def padded(self, span: int) -> NDArray[np.uint8]:
         """``rows`` with their first ``span`` headings repeated at the end, so that no index needs a modulo."""

@@ -19,6 +19,13 @@ def wall_half_thickness(grid: OccupancyGrid, threshold: float) -> float:
     from scipy import ndimage
 
     occupied = grid.occupied(threshold)
-    depth = ndimage.distance_transform_edt(occupied) * grid.resolution
-    middle = occupied & (depth == ndimage.maximum_filter(depth, 3)) & (depth <= THICKEST)
-    return float(depth[middle].mean()) if np.any(middle) else 0.0
+    depth = ndimage.distance_transform_edt(occupied)
+    middle = occupied & (depth == ndimage.maximum_filter(depth, 3)) & (depth * grid.resolution <= THICKEST)
+    if not np.any(middle):
+        return 0.0
+    # The centre of the nearest cell outside is half a cell farther than the wall's border. Where a wall has two middle
+    # cells, each lies half a cell beside its true middle, which makes up for it: only a lone one is too deep.
+    around = np.pad(depth, 1)
+    across = np.maximum(around[1:-1, :-2], around[1:-1, 2:]), np.maximum(around[:-2, 1:-1], around[2:, 1:-1])
+    lone = np.minimum(*across) < depth
+    return float(np.mean(depth[middle] - 0.5 * lone[middle])) * grid.resolution

@@ -99,6 +99,10 @@ def test_just_inside_a_smeared_wall_a_robot_still_sees(office: Log) -> None:
     out = np.empty(6, np.float32)
     expected(grid, "table", laser, half_thickness=0.2).score(poses, log_likelihood, -999.0, out)
     assert (out == -999.0).tolist() == [False, False, True, True, False, False]
+    expected(grid, "table", laser, half_thickness=0.15).score(poses, log_likelihood, -999.0, out)
+    assert (out == -999.0).tolist() == [False, False, True, True, False, False]  # the second cell's centre, just so
+    expected(grid, "table", laser, half_thickness=0.05).score(poses, log_likelihood, -999.0, out)
+    assert (out == -999.0).tolist() == [False, True, True, True, True, False]
     expected(grid, "table", laser, half_thickness=0.0).score(poses, log_likelihood, -999.0, out)
     assert (out == -999.0).all()
 
