@@ -61,5 +61,7 @@ class OccupancyGrid:
     def sha256(self) -> str:
         """Checksum of cells, resolution and origin: the map's identity in caches and run records."""
         digest = hashlib.sha256(np.ascontiguousarray(self.occupancy).tobytes())
-        digest.update(repr((self.occupancy.shape, self.resolution, self.origin)).encode())
+        # As plain numbers: numpy's scalars have the same value and another repr.
+        origin = tuple(float(value) for value in self.origin)
+        digest.update(repr(((self.height, self.width), float(self.resolution), origin)).encode())
         return digest.hexdigest()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -164,11 +165,17 @@ def _read(path: Path, key: str, n: int) -> NDArray[np.uint8] | None:
 
 def _write(path: Path, key: str, rows: NDArray[np.uint8]) -> None:
     checksum = hashlib.blake2b(rows.data, digest_size=32).hexdigest()
+    temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            temporary = Path(file.name)
             file.write(_FORMAT + key.encode() + checksum.encode())
             file.write(rows.tobytes())
-        Path(file.name).replace(path)
+        temporary.replace(path)
     except OSError:
         pass  # a cache that cannot be written costs time, nothing else
+    finally:
+        if temporary is not None:
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)  # whatever went wrong, Ctrl-C as well: it may hold a gigabyte

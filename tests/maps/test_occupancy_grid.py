@@ -75,3 +75,9 @@ def test_identity() -> None:
 
 def test_identity_does_not_depend_on_the_layout_in_memory() -> None:
     assert OccupancyGrid(np.asfortranarray(CELLS), 0.1).sha256 == OccupancyGrid(CELLS, 0.1).sha256
+
+
+def test_identity_does_not_depend_on_the_kind_of_number() -> None:
+    plain = OccupancyGrid(CELLS, 0.1, (1.5, -2.0, 0.25))
+    assert OccupancyGrid(CELLS, np.float64(0.1), (np.float64(1.5), -2, np.float32(0.25))).sha256 == plain.sha256
+    assert OccupancyGrid(CELLS, 0.1, np.array([1.5, -2.0, 0.25])).sha256 == plain.sha256

@@ -164,6 +164,17 @@ def test_something_stands_where_the_file_should_be(cache) -> None:
     path.unlink()
     (path / "folder").mkdir(parents=True)
     assert_same(load_range_table(grid(), 0.65, MAX_RANGE), fresh)
+    assert only_file(cache) == path  # and nothing half-made is left beside it
+
+
+def test_an_interrupt_leaves_nothing_half_made(cache, monkeypatch) -> None:
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        load_range_table(grid(), 0.65, MAX_RANGE)
+    assert not list(cache.iterdir())
 
 
 def test_where_tables_are_kept(monkeypatch, tmp_path) -> None:
