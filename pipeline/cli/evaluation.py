@@ -11,13 +11,19 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns, percent
 from pipeline.cli.parameters import (
+    BaseFrameOption,
     ConfigOption,
     JsonOption,
+    LaserFrameOption,
     LogArguments,
     MapOption,
+    OdomFrameOption,
+    OdomTopicOption,
     ParticlesOption,
+    ScanTopicOption,
     SetOption,
     effective_config,
+    named,
     open_log,
 )
 from pipeline.errors import MclError
@@ -45,6 +51,11 @@ def evaluate(
     runs: Annotated[int, typer.Option(min=1, help="Runs per log, with seeds SEED, SEED + 1, ...")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
     map_path: MapOption = None,
+    scan_topic: ScanTopicOption = None,
+    odom_topic: OdomTopicOption = None,
+    base_frame: BaseFrameOption = None,
+    odom_frame: OdomFrameOption = None,
+    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     particles: ParticlesOption = None,
@@ -72,9 +83,10 @@ def evaluate(
     from pipeline.logs.tum import read_tum
 
     effective = effective_config(config, settings, particles)
+    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
     done = evaluation.evaluate(
-        [open_log(log, map_path) for log in logs],
+        [open_log(log, map_path, names) for log in logs],
         truths,
         effective,
         runs,

@@ -13,13 +13,19 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns, facts, percent
 from pipeline.cli.parameters import (
+    BaseFrameOption,
     ConfigOption,
     JsonOption,
+    LaserFrameOption,
     LogArgument,
     MapOption,
+    OdomFrameOption,
+    OdomTopicOption,
     ParticlesOption,
+    ScanTopicOption,
     SetOption,
     effective_config,
+    named,
     open_log,
 )
 
@@ -54,6 +60,11 @@ def _pose(text: str | None) -> tuple[float, ...] | None:
 def localize(
     log: LogArgument,
     map_path: MapOption = None,
+    scan_topic: ScanTopicOption = None,
+    odom_topic: OdomTopicOption = None,
+    base_frame: BaseFrameOption = None,
+    odom_frame: OdomFrameOption = None,
+    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     seed: SeedOption = 0,
@@ -79,7 +90,8 @@ def localize(
     if start is not None and init not in (None, "pose"):
         raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
-    opened = open_log(log, map_path)
+    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
+    opened = open_log(log, map_path, names)
     run = _run(opened, effective, create(opened.name, output), seed=seed, threads=threads, record=record)
     if as_json:
         console.emit_json({"folder": str(run.folder.path), **run.to_dict()})

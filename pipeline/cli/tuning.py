@@ -10,14 +10,20 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns
 from pipeline.cli.parameters import (
+    BaseFrameOption,
     ConfigOption,
     ForceOption,
     JsonOption,
+    LaserFrameOption,
     LogArguments,
     MapOption,
+    OdomFrameOption,
+    OdomTopicOption,
     ParticlesOption,
+    ScanTopicOption,
     SetOption,
     effective_config,
+    named,
     open_log,
 )
 from pipeline.errors import MclError
@@ -42,6 +48,11 @@ def tune(
         int, typer.Option(min=1, max=2, help="2: localize once more with what was learned, and learn again.")
     ] = 1,
     map_path: MapOption = None,
+    scan_topic: ScanTopicOption = None,
+    odom_topic: OdomTopicOption = None,
+    base_frame: BaseFrameOption = None,
+    odom_frame: OdomFrameOption = None,
+    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     particles: ParticlesOption = None,
@@ -58,7 +69,8 @@ def tune(
     from pipeline import tune as tuning
 
     effective = effective_config(config, settings, particles)
-    opened = [open_log(log, map_path) for log in logs]
+    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
+    opened = [open_log(log, map_path, names) for log in logs]
     learned = tuning.tune(opened, effective, seed=seed, rounds=rounds, progress=console.progress)
     text = tuning.preset(learned)
     console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))

@@ -14,7 +14,8 @@ from pipeline.geometry import quaternion_to_yaw
 class ScanColumns:
     """n scans of one laser, as recorded: ``stamps`` (n,) int64 ns, ``sequences`` (n,) int64, ``ranges`` (n, beams) m.
 
-    Angles in radians in the laser's own frame ``frame``; nothing is cleaned or turned round yet.
+    Angles in radians in the laser's own frame ``frame``; nothing is cleaned or turned round yet. ``resampled``: how
+    many of the scans had other beams and were brought onto these.
     """
 
     stamps: NDArray[np.int64]
@@ -25,6 +26,7 @@ class ScanColumns:
     range_min: float
     range_max: float
     frame: str
+    resampled: int = 0
 
     def __len__(self) -> int:
         return len(self.stamps)

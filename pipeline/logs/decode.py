@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -14,22 +15,26 @@ from pipeline.errors import MclError
 from pipeline.geometry import quaternion_to_yaw
 from pipeline.logs import cdr
 from pipeline.logs.columns import PoseColumns, ScanColumns
-from pipeline.logs.mcap_file import Messages
+from pipeline.logs.recorded import Messages
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 _SCAN_CONSTANTS = ("angle_min", "angle_increment", "range_min", "range_max")
 
 
-def decode_scans(messages: Messages) -> ScanColumns:
-    """LaserScan messages; scans whose beams differ from most of the others are brought onto the beams of those."""
+def decode_scans(messages: Messages, frame: str | None = None) -> ScanColumns:
+    """LaserScan messages; scans whose beams differ from most of the others are brought onto the beams of those.
+
+    ``frame``: the laser to take, where the topic has several; MclError if it has several and none is given.
+    """
     rows = cdr.unpack(messages.data, cdr.LASER_SCAN)
     if rows is None or any((rows[name] != rows[name][0]).any() for name in _SCAN_CONSTANTS):
-        return _scans_one_by_one(messages)
+        return _scans_one_by_one(messages, frame)
     beams = int(rows["ranges_length"][0])
     ranges = rows["ranges"].astype(np.float32) if beams else np.empty((len(rows), 0), np.float32)
-    constants = {name: float(rows[name][0]) for name in _SCAN_CONSTANTS}
-    frame = rows["frame_id"][0].decode() if "frame_id" in (rows.dtype.names or ()) else ""
-    return ScanColumns(cdr.stamps_of(rows), messages.sequences, ranges, frame=frame, **constants)
+    angle_min, increment, range_min, range_max = (float(rows[name][0]) for name in _SCAN_CONSTANTS)
+    name = rows["frame_id"][0].decode() if "frame_id" in (rows.dtype.names or ()) else ""
+    stamps = _stamped(cdr.stamps_of(rows), messages)
+    return ScanColumns(stamps, messages.sequences, ranges, angle_min, increment, range_min, range_max, name)
 
 
 def decode_odometry(messages: Messages) -> PoseColumns:
@@ -49,21 +54,28 @@ def decode_poses(messages: Messages) -> PoseColumns:
     return _poses_one_by_one([(m.header, m.pose, "") for m in _deserialize(messages)], messages)
 
 
-def decode_transforms(messages: Messages) -> dict[str, tuple[str, NDArray[np.float64]]]:
-    """TFMessage messages: the first transform of every child frame, as (parent frame, 4x4 matrix)."""
-    result: dict[str, tuple[str, NDArray[np.float64]]] = {}
+def decode_links(messages: Messages) -> dict[str, PoseColumns]:
+    """TFMessage messages: the transforms of every child frame from the first parent that it is said to have."""
     rows = cdr.unpack(messages.data, cdr.ONE_TRANSFORM)
     if rows is not None and (rows["transforms"] == 1).all():
-        poses = _poses(rows[:1], messages)
-        matrix = _matrix(poses.positions[0].tolist(), poses.orientations[0].tolist())
-        return {poses.child_frame.lstrip("/"): (poses.frame.lstrip("/"), matrix)}
-    for message in _deserialize(messages):
+        link = _poses(rows, messages)
+        link = replace(link, frame=_frame(link.frame), child_frame=_frame(link.child_frame))
+        return {link.child_frame: link}
+    found: dict[str, tuple[str, list[tuple[int, ...]], list[tuple[float, ...]]]] = {}
+    for number, message in enumerate(_deserialize(messages)):
         for item in message.transforms:
-            child = item.child_frame_id.lstrip("/")
-            if child not in result:
+            parent, child = _frame(item.header.frame_id), _frame(item.child_frame_id)
+            first, stamps, values = found.setdefault(child, (parent, [], []))
+            if parent == first:
                 t, q = item.transform.translation, item.transform.rotation
-                result[child] = (item.header.frame_id.lstrip("/"), _matrix((t.x, t.y, t.z), (q.x, q.y, q.z, q.w)))
-    return result
+                stamps.append((_stamp(item.header), int(messages.sequences[number])))
+                values.append((t.x, t.y, t.z, q.x, q.y, q.z, q.w))
+    links = {}
+    for child, (parent, stamps, values) in found.items():
+        times, sequences = np.array(stamps, dtype=np.int64).T
+        numbers = np.array(values, dtype=np.float64)
+        links[child] = PoseColumns(times, sequences, numbers[:, :3], numbers[:, 3:], parent, child)
+    return links
 
 
 def decode_grid(messages: Messages) -> OccupancyGrid:
@@ -85,8 +97,8 @@ def decode_grid(messages: Messages) -> OccupancyGrid:
 def _poses(rows: cdr.Rows, messages: Messages) -> PoseColumns:
     names = rows.dtype.names or ()
     return PoseColumns(
-        cdr.stamps_of(rows),
-        messages.sequences[: len(rows)],
+        _stamped(cdr.stamps_of(rows), messages),
+        messages.sequences,
         rows["position"].astype(np.float64),
         rows["orientation"].astype(np.float64),
         rows["frame_id"][0].decode() if "frame_id" in names else "",
@@ -98,10 +110,12 @@ def _poses_one_by_one(decoded: Sequence[tuple[Any, Any, str]], messages: Message
     frame, child = decoded[0][0].frame_id, decoded[0][2]
     for header, _, other in decoded:
         if (header.frame_id, other) != (frame, child):
-            raise MclError(f"{messages.topic.name} mixes frames: {frame!r} and {header.frame_id!r}")
+            raise MclError(
+                f"{messages.topic.name} mixes frames: {frame!r} -> {child!r} and {header.frame_id!r} -> {other!r}"
+            )
     points, turns = [p.position for _, p, _ in decoded], [p.orientation for _, p, _ in decoded]
     return PoseColumns(
-        np.array([_stamp(header) for header, _, _ in decoded], dtype=np.int64),
+        _stamped(np.array([_stamp(header) for header, _, _ in decoded], dtype=np.int64), messages),
         messages.sequences,
         np.array([(p.x, p.y, p.z) for p in points], dtype=np.float64),
         np.array([(q.x, q.y, q.z, q.w) for q in turns], dtype=np.float64),
@@ -110,25 +124,46 @@ def _poses_one_by_one(decoded: Sequence[tuple[Any, Any, str]], messages: Message
     )
 
 
-def _scans_one_by_one(messages: Messages) -> ScanColumns:
+def _scans_one_by_one(messages: Messages, frame: str | None) -> ScanColumns:
     decoded = _deserialize(messages)
+    stamps = _stamped(np.array([_stamp(m.header) for m in decoded], dtype=np.int64), messages)
+    sequences = messages.sequences
     frames = sorted({m.header.frame_id for m in decoded})
     if len(frames) > 1:
-        raise MclError(f"{messages.topic.name} mixes the scans of several lasers: {', '.join(frames)}")
+        mine = np.array([_frame(m.header.frame_id) == _frame(frame or "") for m in decoded])
+        if not mine.any():
+            several = f"{messages.topic.name} mixes the scans of several lasers: {', '.join(frames)}"
+            raise MclError(several, "--laser-frame takes one of them")
+        decoded = [m for m, taken in zip(decoded, mine, strict=True) if taken]
+        stamps, sequences = stamps[mine], sequences[mine]
     shapes = [(m.angle_min, m.angle_increment, m.range_min, m.range_max, len(m.ranges)) for m in decoded]
-    angle_min, increment, range_min, range_max, beams = Counter(shapes).most_common(1)[0][0]
+    shape, common = Counter(shapes).most_common(1)[0]
+    angle_min, increment, range_min, range_max, beams = shape
     ranges = np.full((len(decoded), beams), np.nan, dtype=np.float32)
     angles = angle_min + increment * np.arange(beams)
-    for row, message in zip(ranges, decoded, strict=True):
+    for row, message, own_shape in zip(ranges, decoded, shapes, strict=True):
         own = message.ranges
-        if len(own) == 0 or message.angle_increment == 0.0:
-            continue
-        nearest = np.rint((angles - message.angle_min) / message.angle_increment).astype(np.int64)
-        inside = (nearest >= 0) & (nearest < len(own))
-        row[inside] = own[nearest[inside]]
-    stamps = np.array([_stamp(m.header) for m in decoded], dtype=np.int64)
+        if own_shape == shape:
+            row[:] = own
+        elif len(own) and message.angle_increment:
+            turn = 2 * np.pi / abs(message.angle_increment)  # in beams; a full turn may begin anywhere
+            offset = (angles - message.angle_min) / message.angle_increment
+            nearest = np.rint((offset + 0.5) % turn - 0.5).astype(np.int64)
+            inside = (nearest >= 0) & (nearest < len(own))
+            row[inside] = own[nearest[inside]]
     constants = (float(angle_min), float(increment), float(range_min), float(range_max))
-    return ScanColumns(stamps, messages.sequences, ranges, *constants, frames[0])
+    return ScanColumns(
+        stamps, sequences, ranges, *constants, frame=decoded[0].header.frame_id, resampled=len(decoded) - common
+    )
+
+
+def _stamped(stamps: NDArray[np.int64], messages: Messages) -> NDArray[np.int64]:
+    """The headers' stamps; when the messages were written down if nobody stamped them."""
+    return stamps if stamps.any() else messages.log_times
+
+
+def _frame(name: str) -> str:
+    return name.lstrip("/")  # as ROS 1 wrote it
 
 
 def _deserialize(messages: Messages) -> list[Any]:
@@ -149,15 +184,3 @@ def _typestore() -> Any:
 
 def _stamp(header: Any) -> int:
     return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
-
-
-def _matrix(translation: Sequence[float], rotation: Sequence[float]) -> NDArray[np.float64]:
-    x, y, z, w = np.asarray(rotation, dtype=np.float64) / (np.linalg.norm(rotation) or 1.0)
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = translation
-    return matrix

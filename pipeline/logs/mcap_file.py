@@ -4,38 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.errors import MclError
+from pipeline.logs.recorded import Messages, Topic
 
 MAGIC: Final = b"\x89MCAP0\r\n"
-_LISTED = 12  # topics that an error message names
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A channel of the file: its topic, message type, message encoding (``cdr`` for ROS 2) and number of messages."""
-
-    name: str
-    type: str
-    encoding: str
-    count: int
-
-
-@dataclass(frozen=True)
-class Messages:
-    """The messages of one topic in the order of the file: log times (n,) ns, sequences (n,), and their bytes."""
-
-    topic: Topic
-    log_times: NDArray[np.int64]
-    sequences: NDArray[np.int64]
-    data: list[bytes]
+ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 
 class McapFile:
@@ -50,6 +29,10 @@ class McapFile:
             self._file = self.path.open("rb")
         except FileNotFoundError as error:
             raise MclError("no such file", path=path) from error
+        except IsADirectoryError as error:
+            raise MclError(
+                "cannot be read: this is a folder, not an .mcap", "a bag? then: mcl convert", path=path
+            ) from error
         except OSError as error:
             raise MclError(f"cannot be read: {error.strerror}", path=path) from error
         try:
@@ -81,7 +64,7 @@ class McapFile:
                 times, sequences, data = found[message.channel_id]
                 times.append(message.log_time)
                 sequences.append(message.sequence)
-                data.append(message.data)
+                data.append(_unpacked(message.data))
         result: dict[str, Messages] = {}
         for channel_id, (times, sequences, data) in found.items():
             name = topics[channel_id]
@@ -107,13 +90,6 @@ class McapFile:
                     content: bytes = attachment.data
                     return content
         return None
-
-    def describe(self) -> str:
-        """What the file holds, for an error message: every topic with its type and number of messages."""
-        listed = [f"{t.name} ({t.type or t.encoding}, {t.count})" for t in self.topics.values()]
-        if len(listed) > _LISTED:
-            listed = [*listed[:_LISTED], f"and {len(listed) - _LISTED} more topics"]
-        return "it has " + ", ".join(listed) if listed else "it has no messages at all"
 
     def _find_topics(self) -> list[Topic]:
         from mcap.reader import SeekingReader
@@ -151,8 +127,12 @@ class McapFile:
         begin = self._file.read(len(MAGIC))
         if not begin:
             raise MclError("this file is empty", path=self.path)
+        if begin.startswith(ZSTD_MAGIC):
+            raise MclError(
+                "this file is packed with zstd", "unpack it, or: mcl convert the bag's folder", path=self.path
+            )
         if begin != MAGIC:
-            raise MclError("not an MCAP file", "raw logs become one with: mcl convert", path=self.path)
+            raise MclError("not an MCAP file", "logs and bags become one with: mcl convert", path=self.path)
         self._file.seek(-len(MAGIC), 2)
         if self._file.tell() == 0 or self._file.read() != MAGIC:
             raise MclError("this MCAP file is cut: its end is missing", path=self.path)
@@ -169,3 +149,13 @@ class McapFile:
         except Exception as error:
             said = " ".join(str(error).split())[:80] or type(error).__name__
             raise MclError(f"this MCAP file is damaged: {said}", path=self.path) from error
+
+
+def _unpacked(data: bytes) -> bytes:
+    """The message itself: rosbag2 can pack each of them with zstd, and then says so in another file."""
+    if not data.startswith(ZSTD_MAGIC):  # CDR begins with a zero
+        return data
+    from zstandard import ZstdDecompressor
+
+    result: bytes = ZstdDecompressor().decompressobj().decompress(data)
+    return result

@@ -1,6 +1,6 @@
 """Reads a log: an .mcap by the contract in ``schema``, or a ROS 2 recording that somebody else made.
 
-Three steps: raw messages (``mcap_file``), columns (``decode``), and here the Log: topics found by their types,
+Four steps: raw messages (``mcap_file``), columns (``decode``), topics and frames found (``collect``), and here the Log:
 the laser the right way up on the robot, ranges made uniform, odometry at the stamps of the scans.
 """
 
@@ -15,56 +15,50 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 from pipeline.geometry import Pose, wrap_angle
 from pipeline.logs import schema
+from pipeline.logs.collect import collect, find, mark_no_return
 from pipeline.logs.columns import PoseColumns, ScanColumns
-from pipeline.logs.decode import decode_grid, decode_odometry, decode_poses, decode_scans, decode_transforms
-from pipeline.logs.mcap_file import McapFile, Messages
+from pipeline.logs.decode import decode_grid, decode_poses
+from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.messages import Laser, Log, Trajectory
+from pipeline.logs.recorded import Messages, Names
 from pipeline.logs.writer import unpack_grid
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
-_PREFERRED = (schema.SCAN, schema.ODOMETRY, schema.MAP, schema.GROUND_TRUTH)
 _UPRIGHT = 0.9  # cosine of the largest tilt (26 deg) at which a laser still counts as horizontal
 
 
-def read_log(path: Path, grid: OccupancyGrid | None = None) -> Log:
+def read_log(path: Path, grid: OccupancyGrid | None = None, names: Names | None = None) -> Log:
     """The scans of the file in the order of their stamps, each with the odometry at its stamp.
 
     ``log.grid`` is ``grid`` if given, else the file's own map with all its digits, else its /map, else None.
     Ranges follow REP 117: NaN where invalid (0, NaN, below range_min), inf where nothing came back (above
     range_max). Odometry is the message with the scan's stamp (of several, the one with the scan's sequence
     number), else interpolated; scans outside its span are dropped, and ``log.metadata["reader"]``
-    counts them. Raises MclError for a file that is no MCAP, is cut, or lacks scans, odometry or the
-    laser's place on the robot, and says what it has instead.
+    counts them. ``names``: topics and frames to read where the file leaves a choice. Raises MclError for a file that
+    is no MCAP, is cut, or lacks scans, odometry or the laser's place on the robot, and says what it has instead.
     """
     path = Path(path)
     with McapFile(path) as file:
-        scan_topic = _choose(file, schema.LASER_SCAN_TYPE, "laser scans")
-        odom_topic = _choose(file, schema.ODOMETRY_TYPE, "odometry")
-        map_topic = _find(file, schema.GRID_TYPE) if grid is None else None
-        names = {scan_topic, odom_topic, schema.TF_STATIC, schema.GROUND_TRUTH}
-        messages = file.messages(names)
+        metadata = file.metadata()
+        drive = collect(file, names)
         try:
-            scans, odometry = decode_scans(messages[scan_topic]), decode_odometry(messages[odom_topic])
-            laser_in_base = _laser_in_base(file, messages, scans.frame, odometry)
-            truth = _ground_truth(messages.get(schema.GROUND_TRUTH))
-            if grid is None and (cells := file.attachment(schema.MAP_CELLS)) is not None:
-                grid = unpack_grid(cells)
-            if grid is None and map_topic is not None:
-                grid = decode_grid(file.messages([map_topic])[map_topic])
+            truth = _ground_truth(file.messages([schema.GROUND_TRUTH]).get(schema.GROUND_TRUTH))
+            grid = own_map(file) if grid is None else grid
         except MclError as error:
             raise error if error.path else MclError(error.message, error.hint, path=path) from error
-        metadata = file.metadata()
-    laser, ranges = _right_way_up(scans, laser_in_base, path)
+    scans = drive.scans if schema.SOURCE in metadata else mark_no_return(drive.scans)
+    laser, ranges = _right_way_up(scans, drive.laser_in_base, path)
     order = np.argsort(scans.stamps, kind="stable")
     stamps, sequences, ranges = scans.stamps[order], scans.sequences[order], ranges[order]
-    poses, inside = _odometry_at(stamps, sequences, odometry)
+    poses, inside = _odometry_at(stamps, sequences, drive.odometry)
     if not inside.any():
-        raise MclError("no scan lies within the odometry's time span", path=path)
-    metadata[schema.READER] = {
-        "scan_topic": scan_topic,
-        "odometry_topic": odom_topic,
-        "scans_outside_odometry": str(int((~inside).sum())),
-    }
+        raise MclError(
+            f"no scan lies within the odometry's time span: scans {_span(stamps)}, "
+            f"odometry {_span(drive.odometry.stamps)}",
+            "two clocks?",
+            path=path,
+        )
+    metadata[schema.READER] = {**drive.origin, "scans_outside_odometry": str(int((~inside).sum()))}
     with path.open("rb") as content:
         digest = hashlib.file_digest(content, "sha256").hexdigest()
     return Log(
@@ -81,64 +75,12 @@ def read_log(path: Path, grid: OccupancyGrid | None = None) -> Log:
     )
 
 
-def _find(file: McapFile, kind: str) -> str | None:
-    """The topic of that type that the contract names, else the one with the most messages."""
-    usable = [t for t in file.topics.values() if t.type == kind and t.encoding == schema.MESSAGE_ENCODING and t.count]
-    best = max(usable, key=lambda t: (t.name in _PREFERRED, t.count, t.name), default=None)
-    return None if best is None else best.name
-
-
-def _choose(file: McapFile, kind: str, what: str) -> str:
-    topic = _find(file, kind)
-    if topic is None:
-        raise MclError(f"no {what} ({kind}) in this file: {file.describe()}", path=file.path)
-    return topic
-
-
-def _laser_in_base(
-    file: McapFile, messages: dict[str, Messages], laser_frame: str, odometry: PoseColumns
-) -> NDArray[np.float64]:
-    """The laser in base_link as a 4x4 matrix, along /tf_static and, where that does not reach, along /tf."""
-    laser, base, odom = (f.lstrip("/") for f in (laser_frame, odometry.child_frame, odometry.frame))
-    if laser == base:
-        return np.eye(4)
-    tree = decode_transforms(messages[schema.TF_STATIC]) if schema.TF_STATIC in messages else {}
-    matrix = _along(tree, laser, base, odom)
-    if matrix is None and schema.TF in file.topics and schema.TF not in messages:
-        found = file.messages([schema.TF])
-        if schema.TF in found:
-            tree = decode_transforms(found[schema.TF]) | tree
-            matrix = _along(tree, laser, base, odom)
-    if matrix is None:
-        known = ", ".join(f"{parent} -> {child}" for child, (parent, _) in sorted(tree.items())) or "no transforms"
-        raise MclError(f"no transform from {base!r} to the laser {laser!r}: it has {known}", path=file.path)
-    return matrix
-
-
-def _along(
-    tree: dict[str, tuple[str, NDArray[np.float64]]], laser: str, base: str, odom: str
-) -> NDArray[np.float64] | None:
-    """The laser in base_link, by way of the nearest frame above both; None if there is none below odom."""
-    above_laser, above_base = _ancestors(tree, laser, odom), _ancestors(tree, base, odom)
-    for frame, matrix in above_laser.items():
-        if frame in above_base:
-            result: NDArray[np.float64] = np.linalg.inv(above_base[frame]) @ matrix
-            return result
-    return None
-
-
-def _ancestors(
-    tree: dict[str, tuple[str, NDArray[np.float64]]], frame: str, odom: str
-) -> dict[str, NDArray[np.float64]]:
-    """The frame seen from itself and every frame above it, nearest first, up to but without odom."""
-    result = {frame: np.eye(4)}
-    while frame in tree:
-        parent, matrix = tree[frame]
-        if parent in result or parent == odom:
-            break
-        result[parent] = matrix @ result[frame]
-        frame = parent
-    return result
+def own_map(file: McapFile) -> OccupancyGrid | None:
+    """The map that travels in a file: with all its digits if it has them, else its last /map; None if it has none."""
+    if (cells := file.attachment(schema.MAP_CELLS)) is not None:
+        return unpack_grid(cells)
+    topic = find(file, schema.GRID_TYPE)
+    return None if topic is None else decode_grid(file.messages([topic])[topic])
 
 
 def _right_way_up(
@@ -162,6 +104,10 @@ def _right_way_up(
         first, step, ranges = first + (beams - 1) * step, -step, ranges[:, ::-1]
     laser = Laser(pose, first, step, beams, scans.range_min, scans.range_max)
     return laser, np.ascontiguousarray(ranges)
+
+
+def _span(stamps: NDArray[np.int64]) -> str:
+    return f"from {stamps.min() / 1e9:.3f} to {stamps.max() / 1e9:.3f} s"
 
 
 def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> NDArray[np.float32]:

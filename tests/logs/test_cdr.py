@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pipeline.logs import cdr
 from pipeline.logs.decode import decode_odometry, decode_scans
-from pipeline.logs.mcap_file import Messages, Topic
+from pipeline.logs.recorded import Messages, Topic
 from recordings import STORE, Recording
 
 names = st.text(st.characters(codec="ascii", exclude_characters="\0"), min_size=1, max_size=20)

@@ -1,0 +1,136 @@
+"""What a drive consists of, found in anybody's recording: scans, odometry, and the laser's place on the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import MclError
+from pipeline.logs import schema
+from pipeline.logs.columns import PoseColumns, ScanColumns
+from pipeline.logs.decode import decode_odometry, decode_scans
+from pipeline.logs.recorded import Names, Recorded, Topic, describe
+from pipeline.logs.transforms import Transforms, moved
+
+_PREFERRED = (schema.SCAN, schema.ODOMETRY, schema.MAP)
+_NOT_MEANT = {schema.ODOMETRY_TYPE: "truth", schema.GRID_TYPE: "costmap"}
+"""What a topic's name must not say to be chosen: a simulator's truth, the maps that a planner makes for itself."""
+_STANDS_OUT = 10
+"""So many times as often as readings just below it must the longest range occur to mean that nothing came back."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Scans and odometry as recorded, ``laser_in_base`` (4, 4), and the topics and frames that they are from."""
+
+    scans: ScanColumns
+    odometry: PoseColumns
+    laser_in_base: NDArray[np.float64]
+    origin: dict[str, str]
+
+
+def collect(recorded: Recorded, names: Names | None = None) -> Drive:
+    """Scans, odometry and the laser's place: where ``names`` does not say it, by their types and by the transforms.
+
+    Odometry is a topic of Odometry messages, else odom -> base among the transforms. Raises MclError if one of the
+    three is missing, and says what the recording has instead.
+    """
+    names = names or Names()
+    try:
+        return _collect(recorded, names)
+    except MclError as error:
+        raise error if error.path else MclError(error.message, error.hint, path=recorded.path) from error
+
+
+def find(recorded: Recorded, kind: str) -> str | None:
+    """The topic of that type that the contract names, else the one with the most messages."""
+    usable = [t for t in recorded.topics.values() if t.type == kind and _readable(t)]
+    meant = [t for t in usable if _NOT_MEANT.get(kind, "\n") not in t.name.lower()]
+    best = max(meant, key=lambda t: (t.name in _PREFERRED, t.count, t.name), default=None)
+    return None if best is None else best.name
+
+
+def mark_no_return(scans: ScanColumns) -> ScanColumns:
+    """The scans with a longest range that is a number and above which nothing came back.
+
+    Simulators and older drivers say "nothing" by a reading of exactly the longest range, where REP 117 has infinity:
+    if that stands out among the readings just below it, the longest range becomes the next smaller number. If a
+    driver never filled in the longest range, it is the longest reading.
+    """
+    finite = scans.ranges[np.isfinite(scans.ranges)]
+    longest = np.float32(scans.range_max)
+    if not (np.isfinite(longest) and longest > max(scans.range_min, 0.0)):
+        longest = finite.max(initial=np.float32(0.0))
+        return replace(scans, range_max=float(longest)) if longest > 0 else scans
+    at_the_end = int(np.count_nonzero(finite == longest))
+    below = int(np.count_nonzero((finite < longest) & (finite >= longest * np.float32(0.99))))
+    if at_the_end > _STANDS_OUT * max(below, len(scans) / 100):
+        return replace(scans, range_max=float(np.nextafter(longest, np.float32(0.0))))
+    return scans
+
+
+def _collect(recorded: Recorded, names: Names) -> Drive:
+    scan_topic = _chosen(recorded, names.scan_topic, (schema.LASER_SCAN_TYPE,)) or find(
+        recorded, schema.LASER_SCAN_TYPE
+    )
+    if scan_topic is None:
+        raise MclError(f"no laser scans ({schema.LASER_SCAN_TYPE}) in this file: {describe(recorded.topics)}")
+    odom_topic = _chosen(recorded, names.odom_topic, (schema.ODOMETRY_TYPE, schema.TF_TYPE))
+    odom_topic = odom_topic or find(recorded, schema.ODOMETRY_TYPE)
+    on_tf = odom_topic is None or recorded.topics[odom_topic].type == schema.TF_TYPE
+    messages = recorded.messages({scan_topic} if odom_topic is None else {scan_topic, odom_topic})
+    scans = decode_scans(messages[scan_topic], names.laser_frame)
+    laser = (names.laser_frame or scans.frame).lstrip("/")
+    transforms = Transforms(recorded)
+    if odom_topic is None or on_tf:
+        odometry = transforms.odometry(names.base_frame or laser, names.odom_frame)
+    else:
+        odometry = decode_odometry(messages[odom_topic])
+        frames = odometry.frame.lstrip("/"), odometry.child_frame.lstrip("/")  # as ROS 1 wrote them
+        odometry = replace(odometry, frame=frames[0], child_frame=frames[1])
+    odom = names.odom_frame or odometry.frame
+    child = odometry.child_frame or transforms.base_below(odom, laser) or names.base_frame
+    if not child:
+        raise MclError(
+            f"{odom_topic} does not say which frame it moves; {transforms.describe()}", "--base-frame says it"
+        )
+    base = names.base_frame or child
+    if base != child:
+        place = transforms.place(base, child, odom)
+        # What nothing connects to the frame that the odometry names is that frame by its right name.
+        odometry = replace(odometry, child_frame=base) if place is None else moved(odometry, base, place)
+    laser_in_base = transforms.place(laser, base, odom)
+    if laser_in_base is None:
+        raise MclError(
+            f"no transform from {base!r} to the laser {laser!r}: {transforms.describe()}",
+            "--base-frame and --laser-frame choose others; the same for both: the laser is at the robot's centre",
+        )
+    origin = {
+        "scan_topic": scan_topic,
+        "odometry_topic": odom_topic or schema.TF,
+        "frames": f"{odom} -> {base} -> {laser}",
+        "scans_resampled": str(scans.resampled),
+    }
+    return Drive(scans, odometry, laser_in_base, origin)
+
+
+def _chosen(recorded: Recorded, name: str | None, kinds: Collection[str]) -> str | None:
+    """The topic that the user named, if it can be what it should be."""
+    if name is None:
+        return None
+    topic = recorded.topics.get(name)
+    if topic is None:
+        raise MclError(f"no topic {name} in this file: {describe(recorded.topics)}")
+    if topic.type not in kinds or not _readable(topic):
+        raise MclError(
+            f"{name} has {topic.count} messages of {topic.type or 'no type'} ({topic.encoding}), not of "
+            f"{' or '.join(kinds)}: {describe(recorded.topics)}"
+        )
+    return name
+
+
+def _readable(topic: Topic) -> bool:
+    return topic.encoding == schema.MESSAGE_ENCODING and topic.count > 0

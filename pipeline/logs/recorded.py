@@ -1,0 +1,81 @@
+"""What any recording looks like from here, whatever its container: topics, and their ROS 2 messages as bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+_LISTED = 12  # topics (or transforms) that an error message names
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A channel of a recording: its name, message type, message encoding (``cdr`` for ROS 2) and number of messages."""
+
+    name: str
+    type: str
+    encoding: str
+    count: int
+
+
+@dataclass(frozen=True)
+class Messages:
+    """The messages of one topic in the order of the file: log times (n,) ns, sequences (n,), and their bytes."""
+
+    topic: Topic
+    log_times: NDArray[np.int64]
+    sequences: NDArray[np.int64]
+    data: list[bytes]
+
+
+class Recorded(Protocol):
+    """A recording that is open for reading: an .mcap, or a bag of ROS 1 or 2."""
+
+    @property
+    def path(self) -> Path:
+        """The file or the bag's folder, for error messages."""
+        ...
+
+    @property
+    def topics(self) -> Mapping[str, Topic]:
+        """What there is, by name."""
+        ...
+
+    def messages(self, names: Collection[str]) -> dict[str, Messages]:
+        """All messages of the topics named, as ROS 2 would serialise them; topics without messages are left out."""
+        ...
+
+
+@dataclass(frozen=True)
+class Names:
+    """Topics and frames to read, where the recording leaves a choice or says it wrongly; None: found by their types.
+
+    ``odom_topic`` may be a topic of transforms. ``base_frame``: the robot's centre, whose place is sought, if that is
+    not the frame that the odometry moves. ``odom_frame``: the parent of the transforms that are the odometry.
+    ``laser_frame``: one of several lasers on a topic, or the frame that the scans should have named.
+    """
+
+    scan_topic: str | None = None
+    odom_topic: str | None = None
+    base_frame: str | None = None
+    odom_frame: str | None = None
+    laser_frame: str | None = None
+
+
+def describe(topics: Mapping[str, Topic]) -> str:
+    """What a file holds, for an error message: every topic with its type and number of messages."""
+    listed = [f"{t.name} ({t.type or t.encoding}, {t.count})" for t in topics.values()]
+    return "it has " + shortened(listed, "topics") if listed else "it has no messages at all"
+
+
+def shortened(items: Iterable[str], what: str) -> str:
+    """The first dozen of the items, and how many more there are."""
+    listed = list(items)
+    if len(listed) > _LISTED:
+        listed = [*listed[:_LISTED], f"and {len(listed) - _LISTED} more {what}"]
+    return ", ".join(listed)
