@@ -70,7 +70,28 @@ class Config(BaseModel):
         "Not given: starts at half the thickness of the map's walls and follows the residuals of a converged filter.",
     )
 
-    # --- beam model of the range finder (Table 6.1) --------------------------------------------------------
+    # --- which sensor model ----------------------------------------------------------------------------------
+    laser_model_type: Literal["beam", "likelihood_field", "likelihood_field_prob", "likelihood_field_cubes"] = Field(
+        "beam",
+        description="Table 6.1; Table 6.3; AMCL's likelihood_field_prob; what AMCL calls likelihood_field (the sum of "
+        "cubes). A search of the building always uses the beam model.",
+    )
+    laser_likelihood_max_dist: Positive = Field(
+        2.0, description="Likelihood fields: no beam ends farther than this from an obstacle, m."
+    )
+    do_beamskip: bool = Field(
+        False,
+        description="likelihood_field_prob: skip beams that most particles disagree with, once they are together.",
+    )
+    beam_skip_distance: NonNegative = Field(0.5, description="A beam that ends so near an obstacle agrees with it, m.")
+    beam_skip_threshold: Fraction = Field(
+        0.3, description="Beams that agree at no more than this share of the particles are skipped."
+    )
+    beam_skip_error_threshold: Fraction = Field(
+        0.9, description="Where this share of the beams or more would be skipped, none is: the particles are wrong."
+    )
+
+    # --- beam model (Table 6.1); z_hit, z_rand and sigma_hit are the likelihood fields' as well --------------------
     z_hit: NonNegative = Field(0.6, description="Weight of the Gaussian around the true range.")
     z_short: NonNegative = Field(0.1, description="Weight of unexpected obstacles before it.")
     z_max: NonNegative = Field(0.05, description="Weight (a mass) of readings without return.")

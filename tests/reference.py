@@ -186,6 +186,54 @@ def standing(cell: int, heading: int, laser_in_robot, headings: int, allowed) ->
     return 0 <= x < width and 0 <= y < height and bool(allowed[math.floor(y), math.floor(x)])
 
 
+# --- likelihood fields -----------------------------------------------------------------------------------------------
+
+
+def nearest_obstacle(occupied, resolution: float, max_dist: float) -> np.ndarray:
+    """Metres from every cell's centre to that of the nearest occupied one, each pair measured; at most max_dist."""
+    obstacles = np.argwhere(occupied)
+    distances = np.full(occupied.shape, max_dist)
+    for cell in np.ndindex(occupied.shape):
+        for obstacle in obstacles:
+            distances[cell] = min(distances[cell], math.dist(cell, obstacle) * resolution)
+    return distances
+
+
+def beam_ends(pose, laser, angles, ranges) -> list[tuple[float, float]]:
+    """Lines 5 and 6 of Table 6.3: where each beam ends on the map, m; of those that came back."""
+    x, y, theta = (float(v) for v in pose)
+    at_x = x + laser[0] * math.cos(theta) - laser[1] * math.sin(theta)
+    at_y = y + laser[1] * math.cos(theta) + laser[0] * math.sin(theta)
+    return [
+        (at_x + z * math.cos(theta + laser[2] + a), at_y + z * math.sin(theta + laser[2] + a))
+        for a, z in zip(angles, ranges, strict=True)
+        if math.isfinite(z)
+    ]
+
+
+def end_distances(ends, distances, resolution: float, off_map: float) -> list[float]:
+    """The distance of the cell that each end lies in; ``off_map`` where there is none."""
+    height, width = distances.shape
+    cells = [(math.floor(y / resolution), math.floor(x / resolution)) for x, y in ends]
+    return [float(distances[r, c]) if 0 <= r < height and 0 <= c < width else off_map for r, c in cells]
+
+
+def field_density(distance: float, max_range: float, *, hit: float, rand: float, sigma: float, amcl: bool) -> float:
+    """Line 8 of Table 6.3 for one beam, its Gaussian without the factor in front if AMCL's."""
+    gauss = math.exp(-(distance**2) / (2 * sigma**2))
+    return hit * (gauss if amcl else gauss / math.sqrt(2 * math.pi * sigma**2)) + rand / max_range
+
+
+def used_beams(distances, skip_distance: float, threshold: float, error_threshold: float) -> list[bool]:
+    """AMCL's beam skipping over ``distances`` (particles, beams) m, infinite off the map: which beams are used."""
+    n, m = distances.shape
+    used = []
+    for beam in range(m):
+        near = sum(1 for particle in range(n) if distances[particle, beam] < skip_distance)
+        used.append(near / n > threshold)
+    return [True] * m if used.count(False) >= error_threshold * m else used
+
+
 # --- resampling ------------------------------------------------------------------------------------------------------
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.filter.beam_model import BeamModel
 from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
+from pipeline.filter.likelihood_field import LikelihoodField
 from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
 from pipeline.filter.step import Beams
@@ -27,18 +28,24 @@ HOTTEST = 8000
 @dataclass(frozen=True)
 class Reading:
     """A scan as the sensor model sees it: ``ranges`` (k,) float32 m, corrected; ``rows`` (k, 256) float32, their
-    log-likelihood for every code of the true range; ``outside``: log-likelihood of a pose in a wall; ``temper``: the
-    exponent that lets the scan count as ``independent_beams`` beams; ``valid``: number of beams that say something."""
+    log-likelihood for every code of the true range; ``outside``: log-likelihood of a pose in a wall; ``ends`` (2, m)
+    float32 cells, the beams' ends as seen from the robot, for a likelihood field; ``temper``: the exponent that lets
+    the scan count as ``independent_beams`` beams; ``valid``: number of factors in its likelihood, one a beam."""
 
     ranges: NDArray[np.float32]
     rows: NDArray[np.float32]
     outside: float
     temper: float
     valid: int
+    ends: NDArray[np.float32] | None = None
 
 
 class Sensor:
-    """Beams in, likelihoods out."""
+    """Beams in, likelihoods out, by the model that ``config.laser_model_type`` names.
+
+    The beam model is there whichever that is: a search of the building uses its table of ranges. So with a likelihood
+    field a search only proposes places, by the beam model's own parameters, and the field weighs them.
+    """
 
     def __init__(self, grid: OccupancyGrid, laser: Laser, config: Config) -> None:
         self._grid, self._laser, self._config = grid, laser, config
@@ -47,6 +54,9 @@ class Sensor:
         half_thickness = wall_half_thickness(grid, config.occupied_threshold)
         self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range, half_thickness)
         self._model = BeamModel(config, self._expected.codes, max_range)
+        self._field: LikelihoodField | None = None
+        if config.laser_model_type != "beam":
+            self._field = LikelihoodField(grid, laser, laser.angles[self._beams], config, max_range)
         searches = config.init == "exhaustive" or config.recovery == "search"
         self._search = Search(grid, laser, self._expected, config.free_threshold) if searches else None
         self._searched: Posterior | None = None
@@ -56,16 +66,24 @@ class Sensor:
         """The scan's chosen beams, and their likelihood for every true range."""
         self._searched = None
         ranges = self._model.correct(scan.ranges[self._beams], self.bias.value)
+        rows, outside = self._model.scan_rows(ranges), self._model.outside(ranges)
+        if self._field is not None:
+            ends = self._field.ends(ranges)
+            m = ends.shape[1]
+            return Reading(ranges, rows, outside, self._field.temper(m), self._field.voices(m), ends)
         valid = int(np.count_nonzero(~np.isnan(ranges)))
-        rows = self._model.scan_rows(ranges)
-        return Reading(ranges, rows, self._model.outside(ranges), self._model.temper(ranges), max(1, valid))
+        return Reading(ranges, rows, outside, self._model.temper(ranges), max(1, valid))
 
     def score(self, poses: NDArray[np.float32], reading: Reading, out: NDArray[np.float32]) -> None:
         """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32."""
-        self._expected.score(poses, reading.rows, reading.outside, out)
+        if self._field is not None:
+            assert reading.ends is not None, "a reading of another sensor"
+            self._field.score(poses, reading.ends, out)
+        else:
+            self._expected.score(poses, reading.rows, reading.outside, out)
 
     def search(self, reading: Reading, n: int, key: np.uint64) -> Posterior:
-        """n poses drawn from what this scan alone says of the whole building."""
+        """n poses drawn from what this scan alone says of the whole building, by the beam model."""
         assert self._search is not None, "neither init nor recovery asks for a search"
         self._searched = self._search(reading.rows, self._config.independent_beams, n, key)
         return self._searched

@@ -69,13 +69,19 @@ def result(figures: Mapping[str, Any]) -> str:
 
 def density(true_range: float, config: Config) -> str:
     """What the plot of the sensor model shows."""
+    weighed = ""
+    if config.laser_model_type != "beam":
+        weighed = (
+            f" **The particles of this run were weighed by {config.laser_model_type} instead**: the beam model "
+            "only proposed where they start, and where the robot might be when it seemed lost."
+        )
     weights = {name: f"{getattr(config, name):g}" for name in ("z_hit", "z_short", "z_long", "z_max", "z_rand")}
     return (
         f"Probability density of a reading *z* where the map's range is *z\\** = {true_range:g} m: "
         f"a hit (z_hit {weights['z_hit']}, sigma {config.sigma_hit:g} m), something in the way "
         f"(z_short {weights['z_short']}), an open door (z_long {weights['z_long']}), "
         f"no return (z_max {weights['z_max']}), anything else (z_rand "
-        f"{weights['z_rand']})."
+        f"{weights['z_rand']}).{weighed}"
     )
 
 
