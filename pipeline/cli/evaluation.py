@@ -29,7 +29,7 @@ from pipeline.cli.parameters import (
 from pipeline.errors import MclError
 
 if TYPE_CHECKING:
-    from pipeline.evaluate import Evaluation
+    from pipeline.evaluate import Comparison, Evaluation
 
 LIMIT_FAILED = 3
 PICTURES = (".png", ".pdf", ".svg")
@@ -59,6 +59,10 @@ def evaluate(
     config: ConfigOption = None,
     settings: SetOption = None,
     particles: ParticlesOption = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=V1,V2", help="Compare values of a parameter; given again, every combination."),
+    ] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as cores if not given.")] = None,
     kidnapped_at: Annotated[
         list[float] | None,
@@ -82,13 +86,15 @@ def evaluate(
     from pipeline import evaluate as evaluation
     from pipeline.logs.tum import read_tum
 
-    effective = effective_config(config, settings, particles)
+    keys, variants = evaluation.variants(
+        vary or (), lambda values: effective_config(config, [*(settings or ()), *values], particles)
+    )
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
-    done = evaluation.evaluate(
+    done = evaluation.compare(
         [open_log(log, map_path, names) for log in logs],
         truths,
-        effective,
+        [variant.config for variant in variants],
         runs,
         jobs,
         seed,
@@ -96,24 +102,43 @@ def evaluate(
         reference_frame="laser" if reference_frame is ReferenceFrame.laser else "base_link",
         kidnapped_at=kidnapped_at or (),
     )
+    comparison = evaluation.Comparison(keys, variants, done)
+    told = comparison if keys else done[0]
     if plot is not None:
-        _write_plot(done, plot)
+        _write_plot(told, plot)
     if as_json:
-        console.emit_json(done.to_dict())
+        console.emit_json(told.to_dict())
     else:
-        console.result(columns(f"{runs} runs per log", evaluation.table(done), evaluation.COLUMNS))
-        if recoveries := evaluation.recovery_table(done):
-            console.result(columns("kidnapped", recoveries, evaluation.RECOVERY_COLUMNS))
+        _tell(comparison, runs)
         if plot is not None:
             console.result(str(plot))
     if require_success is not None:
-        _require(require_success, done)
+        _require(require_success, comparison)
 
 
-def _require(share: float, done: Evaluation) -> None:
-    failed = [log for log in done.logs if log.success_rate < share]
-    for log in failed:
-        console.error(f"{log.name}: {log.successes} of {len(log.runs)} runs succeeded, {percent(share)} required")
+def _tell(comparison: Comparison, runs: int) -> None:
+    from pipeline import evaluate as evaluation
+
+    if comparison.keys:
+        console.result(columns(f"{runs} runs per row", comparison.table(), comparison.columns))
+        recoveries, headings = comparison.recovery_table(), comparison.recovery_columns
+    else:
+        (done,) = comparison.evaluations
+        console.result(columns(f"{runs} runs per log", evaluation.table(done), evaluation.COLUMNS))
+        recoveries, headings = evaluation.recovery_table(done), evaluation.RECOVERY_COLUMNS
+    if recoveries:
+        console.result(columns("kidnapped", recoveries, headings))
+
+
+def _require(share: float, comparison: Comparison) -> None:
+    failed = [
+        (f"{log.name}, {label}" if label else log.name, log)
+        for label, done in comparison.labelled
+        for log in done.logs
+        if log.success_rate < share
+    ]
+    for name, log in failed:
+        console.error(f"{name}: {log.successes} of {len(log.runs)} runs succeeded, {percent(share)} required")
     if failed:
         raise typer.Exit(LIMIT_FAILED)
 
@@ -128,7 +153,7 @@ def _check_plot(path: Path) -> None:
         raise MclError("the plot's folder does not exist", path=path.parent)
 
 
-def _write_plot(done: Evaluation, path: Path) -> None:
+def _write_plot(done: Evaluation | Comparison, path: Path) -> None:
     from pipeline.evaluate import plot
 
     partial = path.with_name(f".{path.stem}.part{path.suffix}")  # the suffix decides the kind of picture

@@ -12,18 +12,23 @@ from pipeline.evaluate.report import (
     recovery_table,
     table,
 )
-from pipeline.evaluate.runs import evaluate
+from pipeline.evaluate.runs import compare, evaluate
+from pipeline.evaluate.variants import Comparison, Variant, variants
 
 __all__ = [
     "COLUMNS",
     "COMPARE_COLUMNS",
     "RECOVERY_COLUMNS",
+    "Comparison",
     "Evaluation",
     "LogEvaluation",
     "Run",
+    "Variant",
+    "compare",
     "compare_table",
     "evaluate",
     "plot",
     "recovery_table",
     "table",
+    "variants",
 ]

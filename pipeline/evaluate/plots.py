@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.evaluate.metrics import LOCALIZED, Array, Summary, known, pose_errors
 from pipeline.evaluate.report import Evaluation, LogEvaluation
+from pipeline.evaluate.variants import Comparison
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 if TYPE_CHECKING:
@@ -26,20 +27,33 @@ JUMP = 1.0
 """m: where an estimate leaps farther from one point to the next, its path is broken, not drawn across the map."""
 
 
-def plot(evaluation: Evaluation, path: str | Path) -> None:
-    """Draw one row per log into the file ``path``, a PNG unless its suffix says otherwise."""
+HIGHEST = 60_000
+"""Pixels: no picture can be higher than 65,536, so one with very many rows gets smaller."""
+
+
+def plot(evaluations: Evaluation | Comparison, path: str | Path) -> None:
+    """Draw one row per log into the file ``path``, a PNG unless its suffix says otherwise; of a comparison log by log
+    one row per variant."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(14, 6.2 * len(evaluation.logs)), dpi=120, layout="constrained")
+    if isinstance(evaluations, Comparison):
+        by_log = zip(*(done.logs for done in evaluations.evaluations), strict=True)
+        labels = [", ".join(f"{k}={v}" for k, v in zip(evaluations.keys, one.values, strict=True))
+                  for one in evaluations.variants]  # fmt: skip
+        drawn = [(f"{log.name}, {label}", log) for logs in by_log for label, log in zip(labels, logs, strict=True)]
+    else:
+        drawn = [(log.name, log) for log in evaluations.logs]
+    height = 6.2 * len(drawn)
+    figure = Figure(figsize=(14, height), dpi=min(120.0, HIGHEST / height), layout="constrained")
     FigureCanvasAgg(figure)  # not pyplot: no display, no state left behind
-    rows = figure.subfigures(len(evaluation.logs), 1, squeeze=False)[:, 0]
-    for row, log in zip(rows, evaluation.logs, strict=True):
-        _draw(row, log)
+    rows = figure.subfigures(len(drawn), 1, squeeze=False)[:, 0]
+    for row, (title, log) in zip(rows, drawn, strict=True):
+        _draw(row, title, log)
     figure.savefig(path)
 
 
-def _draw(figure: SubFigure, log: LogEvaluation) -> None:
+def _draw(figure: SubFigure, title: str, log: LogEvaluation) -> None:
     left, right = figure.subfigures(1, 2, squeeze=False)[0]
     position, heading = left.subplots(2, 1, sharex=True)
     _errors(position, heading, log)
@@ -47,7 +61,7 @@ def _draw(figure: SubFigure, log: LogEvaluation) -> None:
     error = Summary.of(log.errors_since_found[0])
     median = f"median error {error.median:.2f} m" if error else "never localized"
     rate = f"{log.successes} of {len(log.runs)} runs succeed ({100 * log.success_rate:.0f} %)"
-    figure.suptitle(f"{log.name}: {rate}, {median}", fontsize=14, fontweight="bold")
+    figure.suptitle(f"{title}: {rate}, {median}", fontsize=14, fontweight="bold")
 
 
 def _errors(position: Axes, heading: Axes, log: LogEvaluation) -> None:

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from pipeline.localize import RunResult
 
 
-Task = tuple[int, int]
-"""Index of the log, and the seed."""
+Task = tuple[int, int, int]
+"""Index of the configuration, index of the log, and the seed."""
 
 
 class Runner(Protocol):
@@ -65,7 +65,7 @@ class _Work:
     """All that a process needs to know, once."""
 
     cases: tuple[_Case, ...]
-    config: Config
+    configs: tuple[Config, ...]
     runner: Runner
 
 
@@ -84,6 +84,30 @@ def evaluate(
 ) -> Evaluation:
     """Localize every log with seeds first_seed .. first_seed + runs - 1 and score it against its reference.
 
+    As ``compare`` does, for a single configuration.
+    """
+    (only,) = compare(
+        logs, references, [config], runs, jobs, first_seed, progress,
+        reference_frame=reference_frame, kidnapped_at=kidnapped_at, runner=runner,
+    )  # fmt: skip
+    return only
+
+
+def compare(
+    logs: Sequence[Log],
+    references: Sequence[Trajectory | None],
+    configs: Sequence[Config],
+    runs: int = 100,
+    jobs: int | None = None,
+    first_seed: int = 0,
+    progress: Progress | None = None,
+    *,
+    reference_frame: Literal["base_link", "laser"] = "base_link",
+    kidnapped_at: Sequence[float] = (),
+    runner: Runner | None = None,
+) -> tuple[Evaluation, ...]:
+    """Localize every log with every configuration, each with seeds first_seed .. first_seed + runs - 1; score all runs.
+
     ``references``: one per log, poses of ``reference_frame`` in the map frame; None takes the log's own ground truth.
     ``jobs``: processes, one thread each, as many as there are cores if None; 1 stays in this process. The result does
     not depend on it. ``kidnapped_at``: seconds since each log's first scan; none given takes the log's own metadata.
@@ -98,26 +122,20 @@ def evaluate(
     cases = tuple(
         _case(log, reference, reference_frame, kidnapped_at) for log, reference in zip(logs, references, strict=True)
     )
-    work = _Work(cases, config, runner or _localize)
-    tasks: list[Task] = [(case, seed) for case in range(len(cases)) for seed in range(first_seed, first_seed + runs)]
+    work = _Work(cases, tuple(configs), runner or _localize)
+    seeds = range(first_seed, first_seed + runs)
+    tasks: list[Task] = [(c, k, seed) for c in range(len(configs)) for k in range(len(cases)) for seed in seeds]
     jobs = min(jobs or _cores(), len(tasks))
     with closing(_here(work, tasks) if jobs == 1 else _pool(work, tasks, jobs)) as results:
         done = list(progress(results, len(tasks), "evaluating") if progress else results)
-    return Evaluation(
-        tuple(
-            LogEvaluation(
-                case.log.name,
-                case.log.times,
-                case.truth,
-                case.kidnapped_at,
-                case.log.grid,
-                tuple(done[k * runs : (k + 1) * runs]),
-            )
-            for k, case in enumerate(cases)
-        ),
-        config,
-        versions(),
-    )
+    scored = [_scored(case, done[k * runs : (k + 1) * runs]) for k, case in enumerate(cases * len(configs))]
+    n = len(cases)
+    return tuple(Evaluation(tuple(scored[c * n : (c + 1) * n]), config, versions()) for c, config in enumerate(configs))
+
+
+def _scored(case: _Case, runs: Sequence[Run]) -> LogEvaluation:
+    log = case.log
+    return LogEvaluation(log.name, log.times, case.truth, case.kidnapped_at, log.grid, tuple(runs))
 
 
 def _case(log: Log, reference: Trajectory | None, frame: str, kidnapped_at: Sequence[float]) -> _Case:
@@ -159,9 +177,9 @@ def _localize(log: Log, config: Config, *, seed: int, threads: int) -> RunResult
 
 
 def _run(work: _Work, task: Task) -> Run:
-    case, seed = work.cases[task[0]], task[1]
+    config, case, seed = work.configs[task[0]], work.cases[task[1]], task[2]
     start = time.perf_counter()
-    result = work.runner(case.log, work.config, seed=seed, threads=1)
+    result = work.runner(case.log, config, seed=seed, threads=1)
     elapsed = time.perf_counter() - start
     scored = score(
         case.log.times,

@@ -126,6 +126,37 @@ def test_evaluate_scores_seeds_and_draws_them(mcl: Command, journey: Journey, tm
     assert list(tmp_path.iterdir()) == [picture]
 
 
+def test_evaluate_compares_the_sensor_models_in_one_table(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    models = ("beam", "likelihood_field", "likelihood_field_prob")
+    pose = ",".join(str(v) for v in read_tum(journey.raw / "office_truth.tum").poses[0].tolist())
+    known = (*FEW, "--set", "init=pose", "--set", f"initial_pose=[{pose}]", "--runs", 1, "--jobs", 1)
+    vary = ("--vary", f"laser_model_type={','.join(models)}")
+    picture = tmp_path / "e.png"
+    lines = mcl("evaluate", journey.log, *known, *vary, "--plot", picture).stdout.splitlines()
+    assert lines[0] == "1 runs per row"
+    assert lines[1].split()[:2] == ["log", "laser_model_type"]
+    assert [line.split()[:2] for line in lines[2:-1]] == [["drive", model] for model in models]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    told = json.loads(mcl("evaluate", journey.log, *known, *vary, "--json").stdout)
+    assert told["vary"] == ["laser_model_type"]
+    assert [each["values"] for each in told["variants"]] == [{"laser_model_type": model} for model in models]
+    for each in told["variants"]:
+        assert each["config"]["laser_model_type"] == each["values"]["laser_model_type"]
+        assert [run["seed"] for run in each["logs"]["drive"]["seeds"]] == [0]
+        assert each["logs"]["drive"]["successes"] == 1
+    alone = json.loads(mcl("evaluate", journey.log, *known, "--json").stdout)
+    one, same = (each["logs"]["drive"]["position_error"] for each in (alone, told["variants"][0]))
+    assert one == same
+
+
+def test_a_limit_is_asked_of_every_variant(mcl: Command, journey: Journey) -> None:
+    lost = ("--set", "init=pose", *FEW, "--runs", 1, "--jobs", 1, "--require-success", "0.95")
+    done = mcl("evaluate", journey.log, *lost, "--vary", "initial_pose=[1, 1, 0],[2, 1, 0]", code=3)
+    assert done.stderr.splitlines() == [
+        f"error: drive, {pose}: 0 of 1 runs succeeded, 95 % required" for pose in ("[1, 1, 0]", "[2, 1, 0]")
+    ]
+
+
 def test_a_requested_limit_that_fails_is_exit_code_3(mcl: Command, journey: Journey) -> None:
     lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", *FEW)
     done = mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0.95", code=3)

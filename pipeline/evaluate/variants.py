@@ -1,0 +1,93 @@
+"""One evaluation for each value of a parameter, side by side."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pipeline.config import Config
+from pipeline.errors import MclError
+from pipeline.evaluate.report import COLUMNS, RECOVERY_COLUMNS, Evaluation, Row, compare_table, recovery_table
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A configuration among others: ``values`` as they were typed, in the order of the parameters that are varied."""
+
+    values: tuple[str, ...]
+    config: Config
+
+    @property
+    def label(self) -> str:
+        """What tells it from the others."""
+        return ", ".join(self.values)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """``evaluations``: of the same logs and seeds, one for each of ``variants``, whose values of ``keys`` differ."""
+
+    keys: tuple[str, ...]
+    variants: tuple[Variant, ...]
+    evaluations: tuple[Evaluation, ...]
+
+    @property
+    def labelled(self) -> list[tuple[str, Evaluation]]:
+        """Each evaluation under the label of its variant."""
+        return [(variant.label, done) for variant, done in zip(self.variants, self.evaluations, strict=True)]
+
+    @property
+    def columns(self) -> Row:
+        """Headings of ``table``."""
+        return (COLUMNS[0], ", ".join(self.keys), *COLUMNS[1:])
+
+    def table(self) -> list[Row]:
+        """Log by log, one row of strings per variant."""
+        return compare_table(self.labelled)
+
+    @property
+    def recovery_columns(self) -> Row:
+        """Headings of ``recovery_table``."""
+        return (RECOVERY_COLUMNS[0], ", ".join(self.keys), *RECOVERY_COLUMNS[1:])
+
+    def recovery_table(self) -> list[Row]:
+        """Variant by variant, one row of strings per log and kidnapping."""
+        return [(row[0], label, *row[1:]) for label, done in self.labelled for row in recovery_table(done)]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values, ready for JSON: what is varied, and per variant its values and its evaluation."""
+        variants = []
+        for done in self.evaluations:
+            plain = done.to_dict()
+            variants.append({"values": {key: plain["config"][key] for key in self.keys}, **plain})
+        return {"vary": list(self.keys), "variants": variants}
+
+
+def variants(
+    typed: Iterable[str], configure: Callable[[Sequence[str]], Config]
+) -> tuple[tuple[str, ...], tuple[Variant, ...]]:
+    """The parameters named by texts KEY=V1,V2[,...], and every combination of their values.
+
+    ``configure``: the configuration that ``key=value`` texts lead to. Commas within brackets part no values. Raises
+    MclError for a text of another form, and where two values come to the same.
+    """
+    keys, choices = [], []
+    for text in typed:
+        key, sep, values = text.partition("=")
+        parts = [part.strip() for part in re.split(r",(?![^\[]*\])", values)]
+        if not sep or not key.strip() or len(parts) < 2 or not all(parts):
+            raise MclError(f"--vary {text!r}: expected KEY=V1,V2, with two values or more")
+        keys.append(key.strip())
+        choices.append(parts)
+    found = tuple(
+        Variant(values, configure([f"{key}={value}" for key, value in zip(keys, values, strict=True)]))
+        for values in itertools.product(*choices)
+    )
+    for one, other in itertools.combinations(found, 2):
+        if one.config == other.config:
+            hint = "an option of its own, like --particles, wins over --vary"
+            raise MclError(f"--vary: {one.label!r} and {other.label!r} come to the same configuration", hint)
+    return tuple(keys), found
