@@ -14,7 +14,8 @@ import numpy as np
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
-from pipeline.localize import RunResult, localize
+from pipeline.filter.step import Step
+from pipeline.localize import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.recording.run_folder import RunFolder
@@ -94,29 +95,32 @@ def replay(
     """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures.
 
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
-    is to blame (MclError) nothing can be learnt from it, and the folder is removed.
+    is to blame (MclError), or no scan was recorded, nothing can be learnt from it, and the folder is removed.
     """
+    recorded = _Count()
     try:
         if log.grid is None:  # the recording would miss it first, and cannot say how to give one
             raise MclError("the log has no map", "give one with --map", path=log.path)
         folder.write_config(config)
         with ExitStack() as stack:
-            sinks: list[RerunSink] = []
+            recordings: list[RerunSink] = []
             if record:
                 from pipeline.recording.rerun_sink import RerunSink
 
                 density = _sensor_model(log, config)
-                sinks = [
+                recordings = [
                     stack.enter_context(RerunSink(folder.recording, log=log, config=config, seed=seed, density=density))
                 ]
             watched = _watched(log, progress)
+            sinks: list[Sink] = [*recordings, recorded] if record else []
             result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched)
             done = time.perf_counter()
-            for sink in sinks:
-                sink.finish({"timings": result.seconds, **_figures(log, result)}, result.hindsight)
+            for recording in recordings:
+                recording.finish({"timings": result.seconds, **_figures(log, result)}, result.hindsight)
         seconds = result.seconds | {"close": time.perf_counter() - done}
-    except MclError:
-        shutil.rmtree(folder.path)
+    except BaseException as error:
+        if isinstance(error, MclError) or not recorded.steps:
+            shutil.rmtree(folder.path)
         raise
     run = Replay(folder, log, seed, result, _score(log, result), seconds, record)
     folder.write_trajectory(result.trajectory)
@@ -124,6 +128,16 @@ def replay(
         write_tum(folder.path / HINDSIGHT, Trajectory(result.stamps, result.hindsight))
     folder.write_run(run.to_dict())
     return run
+
+
+class _Count:
+    """How many steps the sinks before it have taken."""
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def log(self, _: Step) -> None:
+        self.steps += 1
 
 
 def _watched(log: Log, progress: Progress | None) -> Any:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import shutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -111,13 +113,15 @@ def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:
     sample = sample_dir()
     folder = create("office")
     path = folder.path / "office.mcap"
-    convert(
-        [sample / "office.log.gz"],
-        path,
-        map_path=sample / "office.dat.gz",
-        ground_truth=sample / "office_truth.tum",
-    )
-    run = _run(read_log(path), load_config(), folder, seed=seed, threads=threads)
+    with _fresh(folder):
+        convert(
+            [sample / "office.log.gz"],
+            path,
+            map_path=sample / "office.dat.gz",
+            ground_truth=sample / "office_truth.tum",
+        )
+        log = read_log(path)
+    run = _run(log, load_config(), folder, seed=seed, threads=threads)
     _report(run)
     console.result(str(folder.path))
 
@@ -161,17 +165,28 @@ def inspect(
 
 
 def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int | None, record: bool = True) -> Replay:
-    from pipeline.kernels import compiled
-    from pipeline.replay import replay
+    with _fresh(folder):
+        # Loading these takes a while, in which somebody may think better of it.
+        from pipeline.kernels import compiled
+        from pipeline.replay import replay
 
-    if not compiled():
-        console.note("the first run compiles its loops: about half a minute, once")
-    try:
+        if not compiled():
+            console.note("the first run compiles its loops: about half a minute, once")
         return replay(log, config, folder, seed=seed, threads=threads, record=record, progress=console.progress)
-    except (KeyboardInterrupt, SystemExit):
-        if record:
-            until = f"recorded until then: {folder.recording}" if folder.recording.exists() else "nothing recorded yet"
-            console.note(f"stopped; {until}")
+
+
+@contextmanager
+def _fresh(folder: RunFolder) -> Iterator[None]:
+    """Whatever ends a run before anything was recorded, its folder is not left behind to block another try."""
+    try:
+        yield
+    except BaseException as error:
+        recorded = folder.recording.exists()
+        if not recorded:
+            shutil.rmtree(folder.path, ignore_errors=True)
+        if isinstance(error, KeyboardInterrupt | SystemExit):
+            told = f"recorded until then: {folder.recording}" if recorded else "nothing was recorded, nothing is left"
+            console.note(f"stopped; {told}")
         raise
 
 

@@ -41,6 +41,23 @@ def test_a_stopped_run_can_be_inspected(
     assert 0 < told["scans"] < told["log_scans"]
 
 
+def test_a_run_stopped_at_once_leaves_nothing(journey: Journey, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    command = [sys.executable, "-m", "pipeline.cli", "localize", str(journey.log), "-o", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        while process.poll() is None and not folder.exists():
+            time.sleep(0.002)
+        os.kill(process.pid, signal.SIGINT)
+        _, stderr = process.communicate(timeout=120)
+    finally:
+        process.kill()
+    assert process.returncode == 130, stderr
+    assert "Traceback" not in stderr
+    assert "stopped; nothing was recorded" in stderr
+    assert not list(tmp_path.iterdir())
+
+
 def wait_for_a_batch(recording: Path, process: subprocess.Popen[str]) -> None:
     """Until the recording has grown past its preamble: the run is in the middle of the log then."""
     preamble = None

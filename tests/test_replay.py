@@ -1,0 +1,51 @@
+"""One whole run: what it leaves, and what it does not when it is stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pytest
+
+from pipeline.config import Config
+from pipeline.inspect import inspect
+from pipeline.logs.messages import Log, Scan
+from pipeline.recording.run_folder import create
+from pipeline.replay import Progress, replay
+
+QUICK = Config(max_particles=200, min_particles=200, init="free_space", recovery="none", record_particles=10)
+
+
+def stopped_after(scans: int, error: type[BaseException]) -> Progress:
+    def progress(items: Iterable[Scan], total: int, label: str) -> Iterator[Scan]:
+        for scan in items:
+            if scan.index == scans:
+                raise error
+            yield scan
+
+    return progress
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, SystemExit, MemoryError])
+@pytest.mark.parametrize("record", [True, False])
+def test_a_run_stopped_before_its_first_scan_leaves_nothing(
+    office: Log, tmp_path: Path, error: type[BaseException], record: bool
+) -> None:
+    for _ in range(2):  # and so the name is free for another try
+        with pytest.raises(error):
+            replay(office, QUICK, create("x", tmp_path / "run"), record=record, progress=stopped_after(0, error))
+        assert not list(tmp_path.iterdir())
+
+
+def test_a_run_stopped_later_keeps_what_was_recorded(office: Log, tmp_path: Path) -> None:
+    folder = create("x", tmp_path / "run")
+    with pytest.raises(KeyboardInterrupt):
+        replay(office, QUICK, folder, progress=stopped_after(1, KeyboardInterrupt))
+    assert {path.name for path in folder.path.iterdir()} == {"run.rrd", "config.yaml"}
+    assert inspect(folder.path).scans == 1
+
+
+def test_without_a_recording_a_stopped_run_leaves_nothing(office: Log, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        replay(office, QUICK, create("x", tmp_path / "run"), record=False, progress=stopped_after(5, KeyboardInterrupt))
+    assert not list(tmp_path.iterdir())
