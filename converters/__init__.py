@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from converters.beesoft import is_beesoft
 from converters.map_files import HEAD, read_map
 from converters.report import ConversionReport
 from converters.text import read_bytes
 from pipeline.errors import MclError
+from pipeline.logs.recorded import Names
 
 __all__ = ["ConversionReport", "convert", "read_map"]
 
@@ -20,9 +22,9 @@ def formats() -> list[ModuleType]:
 
     Each has FORMAT (its name), DESCRIPTION, ``sniff(path, head) -> bool`` and ``convert`` as below.
     """
-    from converters import carmen, cmu
+    from converters import bag, carmen, cmu
 
-    return [cmu, carmen]
+    return [cmu, carmen, bag]
 
 
 def convert(
@@ -33,6 +35,7 @@ def convert(
     drop: Sequence[tuple[float, float]] = (),
     ground_truth: Path | None = None,
     join: bool = False,
+    names: Names | None = None,
 ) -> ConversionReport:
     """Converts one raw log (or several, one after the other, with ``join``) and its map into ``output``.
 
@@ -41,7 +44,8 @@ def convert(
     turn. That is a kidnapping; merely deleting lines is not, for the odometry after the gap would tell
     the filter how far the robot went. ``join`` treats the joint between two logs the same way, 1 s apart: the
     robot was switched off, carried, and switched on. ``ground_truth``: a TUM file of base_link in the map, its
-    stamps those of the output. Raises MclError for input of no known format and for whatever is wrong in it.
+    stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag. Raises MclError for input of
+    no known format and for whatever is wrong in it.
     """
     sources = [Path(source) for source in sources]
     if not sources:
@@ -52,9 +56,12 @@ def convert(
     for source, kind in zip(sources, kinds, strict=True):
         if kind is not kinds[0]:
             raise MclError(f"a {kind.DESCRIPTION} cannot be joined to a {kinds[0].DESCRIPTION}", path=source)
-    report: ConversionReport = kinds[0].convert(
-        sources, Path(output), map_path=map_path, drop=drop, ground_truth=ground_truth
-    )
+    options: dict[str, Any] = {"map_path": map_path, "drop": drop, "ground_truth": ground_truth}
+    if names is not None and names != Names():
+        if kinds[0].FORMAT != "rosbag":
+            raise MclError(f"a {kinds[0].DESCRIPTION} has no topics and frames to choose", path=sources[0])
+        options["names"] = names
+    report: ConversionReport = kinds[0].convert(sources, Path(output), **options)
     return report
 
 
@@ -67,8 +74,10 @@ def _format_of(path: Path) -> ModuleType:
             return kind
     if head.startswith(b"\x89MCAP"):
         raise MclError(
-            "this is an MCAP file already", "mcl localize reads it as it is, with --map if it has none", path=path
+            "mcl convert made this file", "mcl localize reads it as it is, with --map if it has none", path=path
         )
     known = ", ".join(kind.DESCRIPTION for kind in formats())
+    if path.is_dir():
+        raise MclError("this folder is no bag: it has no metadata.yaml", f"known: {known}", path=path)
     begin = head.split(b"\n", 1)[0][:40].decode("ascii", errors="replace")
     raise MclError(f"a log of no known format, beginning {begin!r}", f"known: {known}", path=path)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 @dataclass(frozen=True)
 class ConversionReport:
-    """Counts are of lines (messages) of the source; ``duration`` in seconds from first to last; ``size`` in bytes."""
+    """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes."""
 
     format: str
     lines: int
@@ -18,3 +18,4 @@ class ConversionReport:
     duration: float
     output: Path
     size: int
+    unit: str = "lines"

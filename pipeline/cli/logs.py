@@ -9,7 +9,15 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import facts
-from pipeline.cli.parameters import ForceOption
+from pipeline.cli.parameters import (
+    BaseFrameOption,
+    ForceOption,
+    LaserFrameOption,
+    OdomFrameOption,
+    OdomTopicOption,
+    ScanTopicOption,
+    named,
+)
 from pipeline.errors import MclError
 
 
@@ -26,7 +34,7 @@ def _interval(text: str) -> tuple[float, float]:
 
 def convert(
     logs: Annotated[
-        list[Path], typer.Argument(metavar="LOG", help="A raw log, plain or gzipped; several with --join.")
+        list[Path], typer.Argument(metavar="LOG", help="A raw log or a ROS bag; several logs with --join; or a map.")
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mcap", help="The file to write.")],
     map_path: Annotated[
@@ -39,8 +47,16 @@ def convert(
     ] = None,
     join: Annotated[bool, typer.Option("--join", help="Put several logs one after the other.")] = False,
     ground_truth: Annotated[
-        Path | None, typer.Option(metavar="TRUTH.tum", help="Where the robot really was (TUM, base_link in map).")
+        Path | None,
+        typer.Option(
+            metavar="TRUTH.tum|TOPIC", help="Where the robot really was (base_link in map): TUM, or a bag's topic."
+        ),
     ] = None,
+    scan_topic: ScanTopicOption = None,
+    odom_topic: OdomTopicOption = None,
+    base_frame: BaseFrameOption = None,
+    odom_frame: OdomFrameOption = None,
+    laser_frame: LaserFrameOption = None,
     force: ForceOption = False,
 ) -> None:
     """Turn a raw log and its map into one .mcap file."""
@@ -51,13 +67,16 @@ def convert(
             raise MclError("the output is one of the inputs", "give it another name", path=output)
     from converters import convert as convert_logs
 
-    report = convert_logs(logs, output, map_path=map_path, drop=intervals, ground_truth=ground_truth, join=join)
+    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
+    report = convert_logs(
+        logs, output, map_path=map_path, drop=intervals, ground_truth=ground_truth, join=join, names=names
+    )
     rows = [
         ("format", report.format),
-        ("lines", f"{report.lines:,}"),
+        (report.unit, f"{report.lines:,}"),
         ("scans", f"{report.scans:,}"),
         ("odometry", f"{report.odometry:,}"),
-        ("dropped", f"{report.dropped:,} lines"),
+        ("dropped", f"{report.dropped:,} {report.unit}"),
         ("duration", f"{report.duration:.1f} s"),
         ("size", f"{report.size / 1e6:.2f} MB"),
     ]

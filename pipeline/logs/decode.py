@@ -54,6 +54,11 @@ def decode_poses(messages: Messages) -> PoseColumns:
     return _poses_one_by_one([(m.header, m.pose, "") for m in _deserialize(messages)], messages)
 
 
+def decode_stamped_poses(messages: Messages) -> PoseColumns:
+    """PoseWithCovarianceStamped messages: the poses."""
+    return _poses_one_by_one([(m.header, m.pose.pose, "") for m in _deserialize(messages)], messages)
+
+
 def decode_links(messages: Messages) -> dict[str, PoseColumns]:
     """TFMessage messages: the transforms of every child frame from the first parent that it is said to have."""
     rows = cdr.unpack(messages.data, cdr.ONE_TRANSFORM)

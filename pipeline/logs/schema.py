@@ -8,7 +8,7 @@ the source, so that a scan finds the odometry that belongs to it.
 topic           type                          what it says
 ==============  ============================  =================================================================
 /scan           sensor_msgs/LaserScan         ranges in metres, as measured, in the frame ``laser``
-/odom           nav_msgs/Odometry             base_link in ``odom``; also one for every scan, at its stamp
+/odom           nav_msgs/Odometry             base_link in ``odom``; from raw logs also one for every scan, at its stamp
 /tf             tf2_msgs/TFMessage            the same as transforms
 /tf_static      tf2_msgs/TFMessage            base_link -> laser (latched)
 /map            nav_msgs/OccupancyGrid        the map, in steps of 1 % (latched)

@@ -6,6 +6,7 @@ import io
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from pipeline.geometry import Pose, yaw_to_quaternion
 from pipeline.logs import cdr, schema
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.messages import Trajectory
+from pipeline.logs.transforms import to_quaternion
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 
@@ -25,7 +27,7 @@ def write_log(
     path: Path,
     scans: ScanColumns,
     odometry: PoseColumns,
-    laser_pose: Pose,
+    laser_pose: Pose | NDArray[np.float64],
     *,
     grid: OccupancyGrid | None = None,
     ground_truth: Trajectory | None = None,
@@ -35,8 +37,9 @@ def write_log(
 ) -> None:
     """Writes scans, odometry (once more as /tf), the laser's pose in base_link, and what else is known.
 
-    Stamps must not be negative. The file appears under its name when it is complete; a file that was
-    there before survives a failure. Raises MclError if it cannot be written.
+    ``laser_pose``: in the plane, or a 4x4 matrix where the laser hangs upside down. Stamps must not be negative. The
+    file appears under its name when it is complete; a file that was there before survives a failure. Raises MclError if
+    it cannot be written.
     """
     start = int(min(scans.stamps.min(), odometry.stamps.min()))
     topics = {
@@ -144,10 +147,16 @@ def _transform_messages(odometry: PoseColumns) -> Messages:
     return _filled(rows, odometry)
 
 
-def _static_message(frame: str, base: str, pose: Pose, stamp: int) -> Messages:
+def _static_message(frame: str, base: str, pose: Pose | NDArray[np.float64], stamp: int) -> Messages:
     rows = cdr.blank(1, cdr.ONE_TRANSFORM, frame_id=base, child_frame_id=frame)
     rows["transforms"] = 1
-    return _filled(rows, planar_poses(np.array([stamp]), np.zeros(1, np.int64), np.array([pose]), base, frame))
+    place = planar_poses(np.array([stamp]), np.zeros(1, np.int64), np.zeros((1, 3)), base, frame)
+    if np.ndim(pose) == 2:
+        matrix = np.asarray(pose, dtype=np.float64)
+        place = replace(place, positions=matrix[None, :3, 3], orientations=to_quaternion(matrix)[None])
+    else:
+        place = planar_poses(place.stamps, place.sequences, np.array([pose]), base, frame)
+    return _filled(rows, place)
 
 
 def _pose_messages(poses: PoseColumns | None) -> Messages | None:
