@@ -8,13 +8,13 @@ from types import ModuleType
 from typing import Any
 
 from converters.beesoft import is_beesoft
-from converters.map_files import HEAD, read_map
+from converters.map_files import HEAD, convert_map, read_map
 from converters.report import ConversionReport
 from converters.text import read_bytes
 from pipeline.errors import MclError
 from pipeline.logs.recorded import Names
 
-__all__ = ["ConversionReport", "convert", "read_map"]
+__all__ = ["ConversionReport", "convert", "convert_map", "read_map"]
 
 
 def formats() -> list[ModuleType]:

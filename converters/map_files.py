@@ -1,14 +1,26 @@
-"""Maps of either kind, told apart by their content: beesoft, or a map_server YAML with its image."""
+"""Maps of either kind, told apart by their content: beesoft, or a map_server YAML with its image.
+
+Any map that can be read, one in a recording as well, can be written as a map_server YAML.
+"""
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
+from converters.bag_file import BagFile, is_bag
 from converters.beesoft import is_beesoft, parse_beesoft
 from converters.cmu_text import is_log_text
 from converters.text import read_bytes
 from pipeline.errors import MclError
-from pipeline.maps.map_server import load_map
+from pipeline.logs import schema
+from pipeline.logs.collect import find
+from pipeline.logs.decode import decode_grid
+from pipeline.logs.mcap_file import MAGIC, McapFile
+from pipeline.logs.reader import own_map
+from pipeline.logs.recorded import describe
+from pipeline.maps.map_server import load_map, save_map
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 HEAD = 4096  # bytes (unpacked) by which a file is known
@@ -29,3 +41,32 @@ def read_map(path: Path) -> OccupancyGrid:
     if b"\0" in head or head[:2] in (b"P5", b"P2"):
         raise MclError("not a map file", "give the .yaml beside the image, or a beesoft map", path=path)
     return load_map(path)
+
+
+def convert_map(source: Path, output: Path, mode: str = "trinary") -> tuple[OccupancyGrid, Sequence[Path]]:
+    """Writes a map, or the map in a recording, as a map_server YAML ``output`` with an image beside it.
+
+    Both appear when they are complete. Gives back the grid and the paths; see ``save_map`` for ``mode``.
+    """
+    grid = _find_map(Path(source))
+    output = Path(output)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{output.stem}.", dir=output.parent) as folder:
+        written = save_map(grid, Path(folder) / output.name, mode)
+        return grid, [file.replace(output.parent / file.name) for file in written]
+
+
+def _find_map(source: Path) -> OccupancyGrid:
+    head = b"" if source.is_dir() else read_bytes(source)[:HEAD]
+    if head.startswith(MAGIC):
+        with McapFile(source) as recorded:
+            grid, topics = own_map(recorded), recorded.topics
+    elif is_bag(source, head):
+        with BagFile(source) as bag:
+            topic, topics = find(bag, schema.GRID_TYPE), bag.topics
+            grid = None if topic is None else decode_grid(bag.messages([topic])[topic])
+    else:
+        return read_map(source)
+    if grid is None:
+        raise MclError(f"no map ({schema.GRID_TYPE}) in this file: {describe(topics)}", path=source)
+    return grid

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from pipeline import console
-from pipeline.cli.lines import facts
+from pipeline.cli.lines import facts, percent
 from pipeline.cli.parameters import (
     BaseFrameOption,
     ForceOption,
@@ -19,6 +20,8 @@ from pipeline.cli.parameters import (
     named,
 )
 from pipeline.errors import MclError
+
+YAML = (".yaml", ".yml")
 
 
 def _interval(text: str) -> tuple[float, float]:
@@ -32,11 +35,21 @@ def _interval(text: str) -> tuple[float, float]:
     return interval
 
 
+class MapMode(StrEnum):
+    """How map_server reads an image."""
+
+    trinary = "trinary"
+    scale = "scale"
+    raw = "raw"
+
+
 def convert(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG", help="A raw log or a ROS bag; several logs with --join; or a map.")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="OUT.mcap", help="The file to write.")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="OUT.mcap", help="The file to write; of a map a .yaml.")
+    ],
     map_path: Annotated[
         Path | None,
         typer.Option("--map", metavar="MAP", help="Its map, to travel with it: beesoft, or a map_server YAML."),
@@ -57,9 +70,17 @@ def convert(
     base_frame: BaseFrameOption = None,
     odom_frame: OdomFrameOption = None,
     laser_frame: LaserFrameOption = None,
+    mode: Annotated[
+        MapMode, typer.Option(help="How a map becomes a YAML: trinary by the thresholds, or keeping every per cent.")
+    ] = MapMode.trinary,
     force: ForceOption = False,
 ) -> None:
-    """Turn a raw log and its map into one .mcap file."""
+    """Turn a raw log or a ROS bag, and its map, into one .mcap file; or a map into a map_server YAML."""
+    if output.suffix in YAML:
+        if len(logs) != 1 or map_path or drop or join or ground_truth:
+            raise typer.BadParameter("to write a map, give one map (or a recording that has one) and nothing else")
+        _convert_map(logs[0], output, mode, force)
+        return
     intervals = [_interval(text) for text in drop or ()]
     _refuse_existing([output], force)
     for source in (*logs, map_path, ground_truth):
@@ -124,6 +145,30 @@ def simulate(
     ]
     console.note(facts(description.name, rows))
     for path in (report.log, report.map, report.ground_truth):
+        console.result(str(path))
+
+
+def _convert_map(source: Path, output: Path, mode: MapMode, force: bool) -> None:
+    from converters import convert_map
+
+    image = output.with_suffix(".png" if mode is MapMode.scale else ".pgm")
+    _refuse_existing([output, image], force)
+    for path in (output, image):
+        if source.exists() and path.exists() and source.samefile(path):
+            raise MclError("the output is the input", "give it another name", path=path)
+    grid, written = convert_map(source, output, mode.value)
+    occupied, free, known = (grid.occupancy > 0.65).mean(), (grid.occupancy < 0.196).mean(), grid.known.mean()
+    rows = [
+        ("cells", f"{grid.width:,} x {grid.height:,} of {grid.resolution:g} m"),
+        ("occupied", percent(occupied)),
+        ("free", percent(free)),
+        ("between", percent(known - occupied - free)),
+        ("unknown", percent(1.0 - known)),
+    ]
+    console.note(facts(source.name, rows))
+    for remark in grid.remarks:
+        console.note(f"note: {remark}")
+    for path in written:
         console.result(str(path))
 
 

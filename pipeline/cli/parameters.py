@@ -58,7 +58,10 @@ def open_log(path: Path, map_path: Path | None, names: Names | None = None) -> L
         return read_log(path, names=names)
     from converters import read_map
 
-    return read_log(path, read_map(map_path), names)
+    grid = read_map(map_path)
+    for remark in grid.remarks:
+        console.note(f"note: {map_path}: {remark}")
+    return read_log(path, grid, names)
 
 
 def named(

@@ -18,6 +18,7 @@ class OccupancyGrid:
 
     ``occupancy``: (height, width) float32, row 0 at the lowest y, NaN = unknown, else in [0, 1];
     ``resolution``: metres per cell; ``origin``: pose of the lower left corner of cell (0, 0) in the map frame.
+    ``remarks``: what a user should know of how the map was read; no part of its identity.
     The *grid frame* has its origin at that corner and its axes along the rows and columns: with it
     the filter needs to know nothing of the map's origin and yaw.
     """
@@ -25,6 +26,7 @@ class OccupancyGrid:
     occupancy: NDArray[np.float32]
     resolution: float
     origin: Pose = (0.0, 0.0, 0.0)
+    remarks: tuple[str, ...] = ()
 
     @property
     def height(self) -> int:

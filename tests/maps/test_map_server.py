@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -65,9 +66,83 @@ def test_the_thresholds_themselves_are_unknown(tmp_path: Path) -> None:
     assert same(drawn(tmp_path, grey(0, 51, 102, 255), occupied=0.8, free=0.6), 1, NAN, NAN, 0)
 
 
-@pytest.mark.parametrize("negate", ["1", "true"])
+@pytest.mark.parametrize("negate", ["1", "true", "yes", "On", "Y"])
 def test_negate(tmp_path: Path, negate: str) -> None:
     assert same(drawn(tmp_path, grey(0, 50, 166, 255), negate=negate), 0, NAN, 1, 1)
+
+
+@pytest.mark.parametrize("negate", ["0", "false", "no", "Off", "n"])
+def test_no_negation_in_any_of_yamls_words(tmp_path: Path, negate: str) -> None:
+    assert same(drawn(tmp_path, grey(0, 50, 166, 255), negate=negate), 1, 1, NAN, 0)
+
+
+def test_numbers_in_quotes_are_numbers(tmp_path: Path) -> None:
+    drawn(tmp_path, grey(0, 254))
+    text = (tmp_path / "m.yaml").read_text()
+    (tmp_path / "m.yaml").write_text(text.replace("0.05", "'0.05'").replace("[1.5,", "['1.5',"))
+    grid = load_map(tmp_path / "m.yaml")
+    assert (grid.resolution, grid.origin) == (0.05, (1.5, -2.0, 0.5))
+
+
+def map_io(pixels: np.ndarray, mode: str, negate: bool, occupied: float, free: float) -> np.ndarray:
+    """Pixel by pixel as nav2's map_io.cpp goes about it, with GraphicsMagick's quanta of 16 bits: the slow twin."""
+    height, width, channels = pixels.shape
+    result = np.empty((height, width), dtype=np.int64)
+    for y in range(height):
+        for x in range(width):
+            quanta = [int(c) * 257 for c in pixels[y, x]]
+            averaged = quanta if mode == "trinary" else quanta[:3]
+            shade = float(sum(averaged)) / len(averaged) / 65535.0
+            occ = shade if negate else 1.0 - shade
+            if mode == "raw":
+                percent = math.floor(shade * 255 + 0.5)
+                result[y, x] = percent if 0 <= percent <= 100 else -1
+            elif mode == "scale" and channels == 4 and quanta[3] != 65535:
+                result[y, x] = -1
+            elif occupied < occ:
+                result[y, x] = 100
+            elif occ < free:
+                result[y, x] = 0
+            else:
+                result[y, x] = -1 if mode == "trinary" else round((occ - free) / (occupied - free) * 100.0)
+    return result
+
+
+@given(
+    hnp.arrays(np.uint8, st.tuples(st.integers(1, 4), st.integers(1, 4), st.sampled_from([3, 4]))),
+    st.sampled_from(["trinary", "scale", "raw"]),
+    st.booleans(),
+    st.sampled_from([0.65, 0.5, 0.9, 0.0]),
+    st.sampled_from([0.196, 0.25, 0.1, 0.8]),
+)
+def test_every_pixel_as_map_io_reads_it(
+    tmp_path_factory: pytest.TempPathFactory, pixels: np.ndarray, mode: str, negate: bool, occupied: float, free: float
+) -> None:
+    if mode == "scale" and occupied <= free:
+        return
+    found = drawn(tmp_path_factory.mktemp("m"), pixels, mode, negate=str(int(negate)), occupied=occupied, free=free)
+    cells = np.where(np.isnan(found), -1, np.round(np.nan_to_num(found) * 100)).astype(np.int64)
+    np.testing.assert_array_equal(cells, map_io(pixels, mode, negate, occupied, free))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [b"P2\n# by hand\n3 1\n255\n0 205 254\n", b"P5\n3 1\n255\n\x00\xcd\xfe", b"P5 3 1 65535 \0\0\xcd\xcd\xfe\xfe"],
+)
+def test_every_kind_of_grey_map(tmp_path: Path, text: bytes) -> None:
+    drawn(tmp_path, grey(0, 254), name="m.pgm")
+    (tmp_path / "m.pgm").write_bytes(text)
+    assert same(load_map(tmp_path / "m.yaml").occupancy.tolist(), 1, NAN, 0)
+
+
+def test_unknown_pixels_that_read_as_free_are_remarked_upon(tmp_path: Path) -> None:
+    drawn(tmp_path, grey(0, 205, 205, 254), free=0.25)
+    (remark,) = load_map(tmp_path / "m.yaml").remarks
+    assert remark.startswith("50 % of the map is grey 205, which map_saver writes for unknown, and reads as free")
+    drawn(tmp_path, grey(0, 205, 205, 254))
+    assert load_map(tmp_path / "m.yaml").remarks == ()
+    drawn(tmp_path, grey(0, 205), free=0.25)  # nothing is lighter: then it may well be what is free
+    assert load_map(tmp_path / "m.yaml").remarks == ()
 
 
 def test_colours_are_averaged(tmp_path: Path) -> None:
@@ -181,6 +256,69 @@ def test_what_is_saved_is_loaded(
 def test_probabilities_are_saved_by_the_thresholds(tmp_path: Path) -> None:
     save_map(OccupancyGrid(np.array([[0.1, 0.3, 0.6, 0.7]], np.float32), 0.1), tmp_path / "m.yaml")
     np.testing.assert_array_equal(load_map(tmp_path / "m.yaml").occupancy, [[0.0, NAN, NAN, 1.0]])
+
+
+@given(
+    hnp.arrays(np.int64, hnp.array_shapes(min_dims=2, max_dims=2, max_side=12), elements=st.integers(-1, 100)),
+    st.sampled_from(["scale", "raw"]),
+)
+def test_scale_and_raw_keep_every_per_cent(
+    tmp_path_factory: pytest.TempPathFactory, percent: np.ndarray, mode: str
+) -> None:
+    path = tmp_path_factory.mktemp("map") / "m.yaml"
+    cells = np.where(percent < 0, NAN, percent / 100.0).astype(np.float32)
+    save_map(OccupancyGrid(cells, 0.05), path, mode)
+    np.testing.assert_allclose(load_map(path).occupancy, cells, atol=1e-6)
+
+
+def test_what_was_saved_is_saved_again_byte_by_byte(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    cells = rng.choice(np.float32([0, 1, NAN]), (17, 31))
+    first = save_map(OccupancyGrid(cells, 0.05, (-1.25, 3.3, 0.1)), tmp_path / "m.yaml")
+    before = [file.read_bytes() for file in first]
+    assert [file.read_bytes() for file in save_map(load_map(tmp_path / "m.yaml"), tmp_path / "m.yaml")] == before
+
+
+def test_an_unknown_mode(tmp_path: Path) -> None:
+    with pytest.raises(MclError, match="unknown mode 'ternary'"):
+        save_map(OccupancyGrid(np.zeros((1, 1), np.float32), 0.1), tmp_path / "m.yaml", "ternary")
+
+
+@pytest.mark.parametrize(
+    ("file", "lost"),
+    [
+        ("maps/carmen_wean5300.yaml", 0.0),
+        ("maps/tb3_sandbox.yaml", 0.0),
+        ("uob_pioneer/map.yaml", 0.0),
+        ("uob_pioneer/map_from_trace1/map.yaml", 0.0),
+        ("carmen/intel/map.yaml", 0.0),
+        ("carmen/fr079/map_early/map.yaml", 0.0),
+        ("carmen/aces/map.yaml", 0.0),
+        ("maps/robolabINB1004.yaml", 0.008),  # free drawn as 255 as well
+        ("maps/depot.yaml", 0.048),  # what was drawn unknown reads as free, and is written so
+        ("maps/willow-full-0.1.yaml", 0.16),  # many levels of grey
+        ("olin_mac/mac_1st_floor_9_23.yaml", 0.664),
+    ],
+)
+def test_real_maps_come_back_pixel_by_pixel(shared_data: Path, tmp_path: Path, file: str, lost: float) -> None:
+    """Trinary drawings of map_saver's three levels; of others their meaning. A comment in the PGM is not kept."""
+    path, grid = shared_data / file, load_map(shared_data / file)
+    written, image = save_map(grid, tmp_path / "m.yaml")
+    assert load_map(written).sha256 == grid.sha256
+    (drawing,) = [word for word in path.read_text().split() if word.endswith(".pgm")]
+    data = (path.parent / drawing).read_bytes()
+    size = grid.width * grid.height
+    before, after = (np.frombuffer(content[-size:], np.uint8) for content in (data, image.read_bytes()))
+    assert (before != after).mean() == pytest.approx(lost, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("file", "remarked"),
+    [("olin_mac/mac_1st_floor_9_23.yaml", True), ("maps/depot.yaml", True), ("maps/DISB1.yaml", False),
+     ("maps/willow-full-0.1.yaml", False), ("uob_pioneer/map.yaml", False)],
+)  # fmt: skip
+def test_real_maps_whose_unknown_reads_as_free(shared_data: Path, file: str, remarked: bool) -> None:
+    assert bool(load_map(shared_data / file).remarks) == remarked
 
 
 @pytest.mark.parametrize(
