@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -91,9 +92,11 @@ def replay(
     threads: int | None = None,
     record: bool = True,
     progress: Progress | None = None,
+    given: Sequence[str] = (),
 ) -> Replay:
     """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures.
 
+    ``given``: options of `mcl localize` by which the log was read, to be repeated by whoever repeats the run.
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
     is to blame (MclError), or no scan was recorded, nothing can be learnt from it, and the folder is removed.
     """
@@ -101,7 +104,7 @@ def replay(
     try:
         if log.grid is None:  # the recording would miss it first, and cannot say how to give one
             raise MclError("the log has no map", "give one with --map", path=log.path)
-        folder.write_config(config)
+        folder.write_config(config, _how_to_repeat(log, folder, seed, given))
         with ExitStack() as stack:
             recordings: list[RerunSink] = []
             if record:
@@ -128,6 +131,11 @@ def replay(
         write_tum(folder.path / HINDSIGHT, Trajectory(result.stamps, result.hindsight))
     folder.write_run(run.to_dict())
     return run
+
+
+def _how_to_repeat(log: Log, folder: RunFolder, seed: int, given: Sequence[str]) -> list[str]:
+    command = ["mcl", "localize", str(log.path), *given, "--config", str(folder.config), "--seed", str(seed)]
+    return [f"{log.name}, seed {seed}. The same run again:", f"  {shlex.join(command)}", ""]
 
 
 class _Count:

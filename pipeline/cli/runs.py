@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -60,6 +60,7 @@ def _pose(text: str | None) -> tuple[float, ...] | None:
 
 
 def localize(
+    context: typer.Context,
     log: LogArgument,
     map_path: MapOption = None,
     scan_topic: ScanTopicOption = None,
@@ -94,7 +95,8 @@ def localize(
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     opened = open_log(log, map_path, names)
-    run = _run(opened, effective, create(opened.name, output), seed=seed, threads=threads, record=record)
+    folder, given = create(opened.name, output), _given(context)
+    run = _run(opened, effective, folder, seed=seed, threads=threads, record=record, given=given)
     if as_json:
         console.emit_json({"folder": str(run.folder.path), **run.to_dict()})
         return
@@ -164,7 +166,27 @@ def inspect(
         (console.note if as_json else console.result)(str(export))
 
 
-def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int | None, record: bool = True) -> Replay:
+def _given(context: typer.Context) -> list[str]:
+    """The options typed that say how to read the log: not what a configuration holds, nor what changes no result."""
+    others = "log config settings particles init pose seed threads output record as_json".split()
+    typed: list[str] = []
+    for option in context.command.params:
+        value = context.params.get(str(option.name))
+        if option.name not in others and value is not None:
+            typed += [option.opts[0], str(value)]
+    return typed
+
+
+def _run(
+    log: Log,
+    config: Config,
+    folder: RunFolder,
+    *,
+    seed: int,
+    threads: int | None,
+    record: bool = True,
+    given: Sequence[str] = (),
+) -> Replay:
     with _fresh(folder):
         # Loading these takes a while, in which somebody may think better of it.
         from pipeline.kernels import compiled
@@ -172,7 +194,9 @@ def _run(log: Log, config: Config, folder: RunFolder, *, seed: int, threads: int
 
         if not compiled():
             console.note("the first run compiles its loops: about half a minute, once")
-        return replay(log, config, folder, seed=seed, threads=threads, record=record, progress=console.progress)
+        return replay(
+            log, config, folder, seed=seed, threads=threads, record=record, progress=console.progress, given=given
+        )
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,9 +46,10 @@ class RunFolder:
         """What ran and what came out, JSON."""
         return self.path / RUN
 
-    def write_config(self, config: Config) -> None:
-        """Saves the effective configuration; ``load_config`` reads it back."""
-        _write_new(self.config, dump_config(config))
+    def write_config(self, config: Config, heading: Sequence[str] = ()) -> None:
+        """Saves the effective configuration, below lines of comment; ``load_config`` reads it back."""
+        comment = "".join(f"# {_printable(line)}".rstrip() + "\n" for line in heading)
+        _write_new(self.config, comment + dump_config(config))
 
     def write_trajectory(self, trajectory: Trajectory) -> None:
         """Saves the estimate at every scan."""
@@ -104,6 +105,11 @@ def _write_new(path: Path, text: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     partial.rename(path)
+
+
+def _printable(line: str) -> str:
+    """What a name of a file may hold and a line of YAML may not becomes a question mark."""
+    return "".join(character if character.isprintable() else "?" for character in line)
 
 
 def _plain(value: Any) -> Any:

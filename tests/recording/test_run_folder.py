@@ -55,3 +55,12 @@ def test_files_are_complete_and_written_once(tmp_path):
     ):  # fmt: skip
         with pytest.raises(MclError, match="never overwritten"):
             write(value)
+
+
+def test_a_heading_is_a_comment_whatever_it_says(tmp_path):
+    folder, config = run_folder.create("log", tmp_path / "run"), Config(max_particles=123)
+    folder.write_config(config, ["log, seed 7", "  mcl 'a\nmax_particles: 1' \x07 \udcff ü", ""])
+    assert load_config(folder.config) == config
+    assert folder.config.read_text().splitlines()[:3] == [
+        "# log, seed 7", "#   mcl 'a?max_particles: 1' ? ? ü", "#"
+    ]  # fmt: skip

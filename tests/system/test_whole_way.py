@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import shlex
 import shutil
 import subprocess
 import sys
@@ -36,6 +37,20 @@ def test_a_run_folder_holds_its_four_files(journey: Journey) -> None:
     assert run["seed"] == 1
     assert run["log"]["scans"] == len(read_tum(journey.run / "trajectory.tum").stamps)
     assert set(run) == {"log", "seed", "figures", "truth", "seconds", "speed", "versions"}
+
+
+def test_the_saved_configuration_says_how_to_repeat_the_run(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    first, again, log = tmp_path / "first run", tmp_path / "again", tmp_path / "bare.mcap"
+    mcl("convert", journey.raw / "office.log.gz", "-o", log)
+    mcl("localize", log, "--map", journey.raw / "office.dat.gz", *FEW, "--seed", 3, "--threads", 1, "-o", first)
+    said = (first / "config.yaml").read_text().splitlines()
+    assert said[0] == "# bare, seed 3. The same run again:"
+    program, *words = shlex.split(said[1].removeprefix("#"))
+    assert program == "mcl"
+    assert ("--threads" in words, "--map" in words) == (False, True)
+    mcl(*words, "-o", again)
+    for name in ("trajectory.tum", "trajectory_hindsight.tum"):
+        assert (again / name).read_bytes() == (first / name).read_bytes()
 
 
 def test_the_trajectory_has_a_row_per_scan_at_the_stamp_of_the_scan(journey: Journey) -> None:
