@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
+from pipeline.evaluate.runs import kidnapped_in
 from pipeline.filter.step import Step
 from pipeline.localize import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
@@ -176,7 +177,11 @@ def _score(log: Log, result: RunResult) -> Score | None:
     if not known(truth).any():
         return None
     lost = [index for index, _, event in result.events if event.kind == "lost"]
-    return score(log.times, result.poses, truth, lost_at=lost, hindsight=result.hindsight)
+    at = kidnapped_in(log.metadata)
+    try:
+        return score(log.times, result.poses, truth, kidnapped_at=at, lost_at=lost, hindsight=result.hindsight)
+    except MclError:
+        return None  # a truth that says nothing of a whole stretch is no reason to lose the run
 
 
 def _sensor_model(log: Log, config: Config) -> Density:

@@ -41,6 +41,9 @@ if TYPE_CHECKING:
 DOUBTFUL = 0.4
 """Share of beams explained, since the belief converged, below which a summary warns."""
 
+_CONFIGURED = ("config", "settings", "particles", "init", "pose")
+_NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "as_json")
+
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
 ThreadsOption = Annotated[
     int | None, typer.Option(min=1, help="Threads; all cores if not given. The result does not depend on it.")
@@ -168,11 +171,10 @@ def inspect(
 
 def _given(context: typer.Context) -> list[str]:
     """The options typed that say how to read the log: not what a configuration holds, nor what changes no result."""
-    others = "log config settings particles init pose seed threads output record as_json".split()
     typed: list[str] = []
     for option in context.command.params:
         value = context.params.get(str(option.name))
-        if option.name not in others and value is not None:
+        if option.name not in _NOT_OF_THE_INPUT and value is not None:
             typed += [option.opts[0], str(value)]
     return typed
 
@@ -254,6 +256,9 @@ def _against_truth(score: Score | None) -> list[tuple[str, str]]:
     if position is not None and heading is not None:
         rows.append(("true: error since", f"{position.median:.2f} m, {heading.median:.1f} deg (median)"))
         rows.append(("true: 95 % below", f"{position.p95:.2f} m, {heading.p95:.1f} deg"))
+    for recovery in score.recoveries:
+        again = "never found again" if recovery.time is None else f"found again after {recovery.time:.1f} s"
+        rows.append(("true: carried off", f"at {recovery.kidnapped_at:.1f} s, {again}"))
     rows.append(("true: error at the end", f"{score.end_position_error:.2f} m, {score.end_heading_error:.1f} deg"))
     if score.hindsight_ate is not None:
         rows.append(("true: error in hindsight", f"{score.hindsight_ate:.2f} m (RMSE over all scans)"))
