@@ -32,6 +32,16 @@ _LINE = re.compile(
 _LENGTHS = {b"ODOM": 10, b"TRUEPOS": 10}
 _ROBOTLASER_HEAD, _ROBOTLASER_TAIL = 9, 14  # tokens before the ranges; after the remissions
 _FLASER_HEAD, _FLASER_TAIL = 2, 9
+_FIELDS = {
+    **{n: (-math.pi / 2, math.radians(1.0)) for n in (180, 181)},
+    **{n: (-math.pi / 2, math.radians(0.5)) for n in (360, 361)},
+    **{n: (math.radians(-50.0), math.radians(0.25)) for n in (400, 401)},
+}
+"""First angle and step by the count of an FLASER line, which says no more: those of a SICK laser, as CARMEN guesses.
+
+Any other count reaches from -90 to 90 degrees. With 400 and 401 CARMEN begins at -90 as well, but that mode of
+the laser looks 50 degrees to either side.
+"""
 
 
 @dataclass(frozen=True)
@@ -184,8 +194,7 @@ def _scan(kind: str, tokens: list[bytes], number: int) -> tuple[_Row, Beams]:
         return _robotlaser(tokens, number)
     n = _count(tokens, 1)
     _expect(tokens, _FLASER_HEAD + n + _FLASER_TAIL)
-    # CARMEN's own convention: the odd counts have a beam at +90 degrees, the even ones stop short of it.
-    beams = Beams(n, -math.pi / 2, math.pi / (n - 1 if n % 2 else n))
+    beams = Beams(n, *_FIELDS.get(n, (-math.pi / 2, math.pi / (n - 1))))
     ranges, rest = tokens[_FLASER_HEAD : _FLASER_HEAD + n], tokens[_FLASER_HEAD + n :]
     return _Row(number, _stamp(rest[6]), _finite(rest[:6]), _finite(ranges)), beams
 

@@ -71,13 +71,68 @@ def test_flaser_lines_carry_ranges_both_poses_and_an_exact_stamp():
 
 
 @pytest.mark.parametrize(
-    ("n", "step", "last"), [(180, 1.0, 89.0), (181, 1.0, 90.0), (360, 0.5, 89.5), (361, 0.5, 90.0)]
+    ("n", "first", "step", "last"),
+    [
+        (180, -90, 1.0, 89.0),
+        (181, -90, 1.0, 90.0),
+        (360, -90, 0.5, 89.5),
+        (361, -90, 0.5, 90.0),
+        (400, -50, 0.25, 49.75),
+        (401, -50, 0.25, 50.0),
+        (91, -90, 2.0, 90.0),
+        (10, -90, 20.0, 90.0),
+    ],
 )
-def test_odd_counts_of_beams_reach_90_degrees_and_even_ones_do_not(n, step, last):
+def test_the_count_of_an_flaser_line_says_its_angles(n, first, step, last):
+    """The counts of a SICK laser as CARMEN's reader guesses them; any other count spans half a turn."""
     beams = parse(flaser("1", ranges=[1.0] * n)).beams
-    assert math.degrees(beams.angle_min) == pytest.approx(-90)
+    assert math.degrees(beams.angle_min) == pytest.approx(first)
     assert math.degrees(beams.angle_increment) == pytest.approx(step)
     assert math.degrees(beams.angle_min + (n - 1) * beams.angle_increment) == pytest.approx(last)
+
+
+CARMENS_OWN = {
+    # As the header that CARMEN's logger writes describes its lines, each followed by
+    # ipc_timestamp ipc_hostname logger_timestamp.
+    "PARAM": "param_name param_value",
+    "ODOM": "x y theta tv rv accel",
+    "TRUEPOS": "true_x true_y true_theta odom_x odom_y odom_theta",
+    "FLASER": "num_readings [range_readings] x y theta odom_x odom_y odom_theta",
+    "RLASER": "num_readings [range_readings] x y theta odom_x odom_y odom_theta",
+    "ROBOTLASER1": "laser_type start_angle field_of_view angular_resolution maximum_range accuracy remission_mode "
+    "num_readings [range_readings] num_remissions [remission values] laser_pose_x laser_pose_y laser_pose_theta "
+    "robot_pose_x robot_pose_y robot_pose_theta laser_tv laser_rv forward_safety_dist side_safty_dist turn_axis",
+}
+
+
+@pytest.mark.parametrize("kind", ["FLASER", "RLASER", "ROBOTLASER1"])
+def test_lines_as_carmens_own_header_describes_them(kind):
+    """Every value is found where the description has it."""
+    values = {
+        "num_readings": "3", "[range_readings]": "1.5 2.5 3.5", "num_remissions": "2", "[remission values]": "7 8",
+        "param_name": "robot_frontlaser_offset", "param_value": "0.1", "laser_type": "99", "start_angle": "-1.5",
+        "field_of_view": "3", "angular_resolution": "1.5", "maximum_range": "60", "accuracy": "0.02",
+        "remission_mode": "0", "x": "1.1", "y": "2", "theta": "0.5", "odom_x": "1", "odom_y": "2", "odom_theta": "0.5",
+        "laser_pose_x": "1.1", "laser_pose_y": "2", "laser_pose_theta": "0.5", "robot_pose_x": "1",
+        "robot_pose_y": "2", "robot_pose_theta": "0.5", "true_x": "5", "true_y": "6", "true_theta": "0.7",
+    }  # fmt: skip
+
+    def line(name: str, stamp: str) -> str:
+        words = CARMENS_OWN[name].replace("remission values", "remission_values").split()
+        named = {key.replace(" ", "_"): value for key, value in values.items()}
+        return " ".join([name, *(named.get(word, "0.25") for word in words), stamp, "host", "9.5"])
+
+    log = parse(line("PARAM", "0"), line("ODOM", "1"), line("TRUEPOS", "2"), line(kind, "3.25"))
+    assert log.kind == kind
+    assert log.counts == {"PARAM": 1, "ODOM": 1, "TRUEPOS": 1, kind: 1}
+    assert log.params == {"robot_frontlaser_offset": "0.1"}
+    assert log.stamps.tolist() == [3.25 * SECOND]
+    assert log.ranges.tolist() == [[1.5, 2.5, 3.5]]
+    assert log.laser_poses.tolist() == [[1.1, 2.0, 0.5]]
+    assert log.robot_poses.tolist() == [[1.0, 2.0, 0.5]]
+    assert (log.truth_stamps.tolist(), log.truth_poses.tolist()) == ([2 * SECOND], [[5.0, 6.0, 0.7]])
+    if kind == "ROBOTLASER1":
+        assert (log.beams.angle_min, log.beams.angle_increment, log.beams.max_range) == (-1.5, 1.5, 60.0)
 
 
 def test_robotlaser_says_its_own_angles_and_longest_range_and_is_preferred():
