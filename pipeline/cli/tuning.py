@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -75,11 +78,14 @@ def tune(
     text = tuning.preset(learned)
     console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))
     if plot is not None:
-        tuning.plot(learned, plot)
+        with _replacing(plot) as partial:
+            tuning.plot(learned, partial)
     if record is not None:
-        _record(learned, text, record)
+        with _replacing(record) as partial:
+            _record(learned, text, partial)
     if output is not None:
-        output.write_text(text, encoding="utf-8")
+        with _replacing(output) as partial:
+            partial.write_text(text, encoding="utf-8")
     if as_json:
         console.emit_json(learned.to_dict())
         return
@@ -96,10 +102,20 @@ def _record(learned: Tuning, text: str, path: Path) -> None:
 
     found = tuning.residuals(learned.readings, learned.before, learned.after)
     both = tuning.plane(learned.readings, learned.after)
-    path.unlink(missing_ok=True)  # asked for with --force, or not there
     densities = (found.measured, found.before, found.after)
     name = "-".join(log.name for log in learned.logs)
     write_fit(path, name, found.at, densities, (both.measured, both.fitted), text)
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    """A name beside ``path`` to write to: it takes that one's place when it is complete, and goes if it is not."""
+    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")  # the suffix decides the kind of picture
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _check_output(path: Path, force: bool) -> None:

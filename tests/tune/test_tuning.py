@@ -109,6 +109,23 @@ def test_the_command_writes_all_that_it_is_asked_for(
     assert len(asked) == 1  # said before the work, not after
 
 
+def test_what_was_there_survives_a_failure(
+    learned: Tuning, office: Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_: object, path: Path) -> None:
+        path.write_bytes(b"half a pictu")
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr("pipeline.tune.tune", lambda *_, **__: learned)
+    monkeypatch.setattr("pipeline.tune.plot", fail)
+    old = tmp_path / "old.png"
+    old.write_text("as before")
+    done = CliRunner().invoke(app, ["tune", str(office.path), "--plot", str(old), "--force"])
+    assert done.exit_code == 1
+    assert "No space left" in done.stderr
+    assert [(path, path.read_text()) for path in tmp_path.iterdir()] == [(old, "as before")]
+
+
 def test_without_a_file_the_preset_is_printed(learned: Tuning, office: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.tune.tune", lambda *_, **__: learned)
     done = CliRunner().invoke(app, ["tune", str(office.path)])
