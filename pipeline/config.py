@@ -151,6 +151,12 @@ def preset_names() -> list[str]:
     return sorted(p.stem for p in PRESETS.glob("*.yaml"))
 
 
+def preset_description(name: str) -> str:
+    """The first line of a preset's file, a comment that says what it is for."""
+    line = (PRESETS / f"{name}.yaml").read_text(encoding="utf-8").partition("\n")[0]
+    return line.removeprefix("#").strip() if line.startswith("#") else ""
+
+
 def load_config(source: str | Path | None = None, overrides: Iterable[str] = (), **flags: Any) -> Config:
     """Defaults, then the preset or file ``source``, then ``key=value`` strings, then flags that are not None.
 

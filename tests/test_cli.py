@@ -75,7 +75,10 @@ def test_config_explains_every_parameter(typed):
 
 
 def test_config_lists_the_presets(typed):
-    assert typed("config", "--list").stdout.split() == preset_names()
+    lines = typed("config", "--list").stdout.splitlines()
+    assert [line.split()[0] for line in lines] == preset_names()
+    assert all(len(line.split()) > 3 and len(line) <= 120 for line in lines)
+    assert "course report" in next(line for line in lines if line.startswith("course "))
 
 
 @pytest.mark.parametrize(

@@ -93,11 +93,12 @@ def config(
     presets: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
 ) -> None:
     """Show every parameter, its effective value and what it means."""
-    from pipeline.config import Config, dump_config, load_config, preset_names
+    from pipeline.config import Config, dump_config, load_config, preset_description, preset_names
 
     if presets:
+        width = max(map(len, preset_names()))
         for name in preset_names():
-            console.result(name)
+            console.result(f"{name:<{width}}  {preset_description(name)}".rstrip())
         return
     lines = []
     for line in dump_config(load_config(source, settings or ())).splitlines():
