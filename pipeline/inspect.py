@@ -21,6 +21,11 @@ from pipeline.recording import entities
 from pipeline.recording.rrd_file import RrdFile, read_rrd
 from pipeline.recording.run_folder import RECORDING
 
+NAMED = 8
+"""Runs of a folder that are named."""
+GAP = 5.0
+"""Times the usual interval between scans: so long without a scan, and the estimate in force is an old one."""
+
 
 @dataclass(frozen=True)
 class EntityInfo:
@@ -121,6 +126,14 @@ class Inspection:
         scan, stamp, at = int(self.scan_indices[row]), int(self.stamps[row]), float(self.times[row])
         return RecordedPose(scan, stamp, at, x, y, yaw, sigma_x, sigma_y, sigma_yaw)
 
+    def gap_at(self, time: float) -> tuple[float, float] | None:
+        """From when to when, in seconds, there is no scan at ``time``; None if it lies among the others."""
+        after = int(np.searchsorted(self.times, time, side="right"))
+        if not 0 < after < self.scans:
+            return None
+        begin, end = float(self.times[after - 1]), float(self.times[after])
+        return (begin, end) if begin < time and end - begin > GAP * float(np.median(np.diff(self.times))) else None
+
     def to_dict(self) -> dict[str, Any]:
         """Everything but the poses, as JSON-like values."""
         return {
@@ -176,7 +189,7 @@ def inspect(path: Path | str) -> Inspection:
     Raises MclError if there is no recording, or not one of this project's.
     """
     path = Path(path)
-    path = path / RECORDING if path.is_dir() else path
+    path = _recording_in(path) if path.is_dir() else path
     file = read_rrd(path)
     tables = _tables(file)
     run = _properties(tables, entities.PROPERTY_RUN)
@@ -222,6 +235,19 @@ def export_trajectory(path: Path | str, output: Path | str) -> Trajectory:
     trajectory = inspect(path).trajectory
     write_tum(output, trajectory)
     return trajectory
+
+
+def _recording_in(folder: Path) -> Path:
+    """The recording of a run's folder; if it is a folder of such folders instead, MclError names them."""
+    if (folder / RECORDING).exists():
+        return folder / RECORDING
+    found = [*folder.glob(f"*/{RECORDING}"), *folder.glob(f"*/*/{RECORDING}")]
+    runs = [str(p.parent) for p in sorted(found, key=lambda p: (p.stat().st_mtime_ns, p), reverse=True)]
+    if not runs:
+        raise MclError(f"no run's folder: there is no {RECORDING} in it", path=folder)
+    more = f" and {len(runs) - NAMED} more" if len(runs) > NAMED else ""
+    several = f"{len(runs)} runs, newest first" if len(runs) > 1 else "one run"
+    raise MclError(f"holds {several}: {', '.join(runs[:NAMED])}{more}", "inspect one of them", path=folder)
 
 
 def _tables(file: RrdFile) -> dict[str, pa.Table]:

@@ -1,7 +1,10 @@
 """A recording alone tells what run it is of, and gives the trajectory back exactly."""
 
 import json
+import os
+import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +74,40 @@ def test_pose_at_a_time_is_the_last_until_then(run):
     for outside in (-0.1, log.duration + 1.0, float("nan")):
         with pytest.raises(MclError, match="no estimate"):
             found.pose_at(outside)
+
+
+def test_a_gap_is_known(run):
+    found = inspect(run[0].recording)
+    times = found.times.copy()
+    times[60:] += 30.0
+    gapped = replace(found, times=times)
+    for asked in (times[59] + 0.01, times[59] + 15.0, times[60] - 0.01):
+        assert gapped.pose_at(asked).scan == 59
+        assert gapped.gap_at(asked) == (times[59], times[60])
+    for asked in (times[0], times[59], times[60], times[61] - 1e-6, times[-1], -5.0, times[-1] + 5.0):
+        assert gapped.gap_at(asked) is None
+    assert found.gap_at(float(found.times[59]) + 1e-3) is None
+
+
+def test_a_folder_of_runs_names_them_newest_first(run, tmp_path):
+    names = ["log/2026-01-02", "log/2026-01-01", "other/z"]
+    for age, name in enumerate(names):
+        (tmp_path / name).mkdir(parents=True)
+        copy = shutil.copy(run[0].recording, tmp_path / name)
+        os.utime(copy, (1_000_000 - age, 1_000_000 - age))
+    named = ", ".join(str(tmp_path / name) for name in names)
+    assert complaint(tmp_path) == f"{tmp_path}: holds 3 runs, newest first: {named} (inspect one of them)"
+    assert "holds 2 runs" in complaint(tmp_path / "log")
+    assert "holds one run: " in complaint(tmp_path / "other")
+    (tmp_path / "none").mkdir()
+    assert "no run.rrd in it" in complaint(tmp_path / "none")
+
+
+def test_of_many_runs_only_some_are_named(run, tmp_path):
+    for k in range(20):
+        (tmp_path / f"{k}").mkdir()
+        (tmp_path / f"{k}" / "run.rrd").touch()
+    assert "and 12 more" in complaint(tmp_path)
 
 
 def test_exported_trajectory_equals_the_run_s(run, tmp_path):

@@ -150,6 +150,9 @@ def inspect(
     found = read_run(run)
     if at is not None:
         pose = found.pose_at(at)
+        if gap := found.gap_at(at):
+            between = f"there is none from {gap[0]:.1f} s to {gap[1]:.1f} s"
+            console.note(f"no scan near {at:g} s, {between}: this is scan {pose.scan}, {at - pose.time:.1f} s earlier")
         if as_json:
             console.emit_json(asdict(pose))
         else:
