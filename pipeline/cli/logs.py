@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -102,7 +103,19 @@ def convert(
         ("size", f"{report.size / 1e6:.2f} MB"),
     ]
     console.note(facts(", ".join(log.name for log in logs), rows))
+    if ground_truth is not None:
+        _doubt_truth(report.output)
     console.result(str(report.output))
+
+
+def _doubt_truth(path: Path) -> None:
+    """What would be known only when runs are scored, or never."""
+    from pipeline.logs.plausibility import doubt_truth
+    from pipeline.logs.reader import read_log
+
+    with suppress(MclError):  # a log that cannot be read back has other troubles, which `localize` tells
+        if doubt := doubt_truth(read_log(path)):
+            console.note(f"warning: {doubt}")
 
 
 def export(
