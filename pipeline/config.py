@@ -73,8 +73,8 @@ class Config(BaseModel):
     # --- which sensor model ----------------------------------------------------------------------------------
     laser_model_type: Literal["beam", "likelihood_field", "likelihood_field_prob", "likelihood_field_cubes"] = Field(
         "beam",
-        description="Table 6.1; Table 6.3; AMCL's likelihood_field_prob; what AMCL calls likelihood_field (the sum of "
-        "cubes). A search of the building always uses the beam model.",
+        description="Table 6.1; Table 6.3; AMCL's likelihood_field_prob; its likelihood_field, a sum of cubes. "
+        "Searches of the building use the beam model in any case.",
     )
     laser_likelihood_max_dist: Positive = Field(
         2.0, description="Likelihood fields: no beam ends farther than this from an obstacle, m."
