@@ -61,6 +61,14 @@ class Replay:
         """Share of the beams that the map explains at the estimate, from convergence on (if it came) to the end."""
         return _explained(self.log, self.result)
 
+    @property
+    def explained_late(self) -> float:
+        """Share of the beams that the map explains at the estimate, over the second half of the run.
+
+        By then a robot that can be found is: what explains little is no map of where it was.
+        """
+        return _explained_late(self.log, self.result)
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values: what ``run.json`` holds."""
         from pipeline.recording.versions import versions
@@ -161,6 +169,7 @@ def _figures(log: Log, result: RunResult) -> dict[str, Any]:
         "converged_at": result.converged_at,
         "end_pose": result.poses[-1].tolist(),
         "explained": _explained(log, result),
+        "explained_late": _explained_late(log, result),
         "particles": int(result.particles[-1]),
     }
 
@@ -168,6 +177,10 @@ def _figures(log: Log, result: RunResult) -> dict[str, Any]:
 def _explained(log: Log, result: RunResult) -> float:
     since = 0.0 if result.converged_at is None else result.converged_at
     return float(np.mean(result.explained[log.times >= since]))
+
+
+def _explained_late(log: Log, result: RunResult) -> float:
+    return float(np.mean(result.explained[log.times >= log.duration / 2]))
 
 
 def _score(log: Log, result: RunResult) -> Score | None:

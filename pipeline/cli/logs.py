@@ -76,7 +76,10 @@ def convert(
     ] = MapMode.trinary,
     force: ForceOption = False,
 ) -> None:
-    """Turn a raw log or a ROS bag, and its map, into one .mcap file; or a map into a map_server YAML."""
+    """Turn a raw log or a ROS bag and its map into one .mcap.
+
+    With a name that ends in .yaml as the output, a map (or a recording's) becomes a map_server YAML with its image.
+    """
     if output.suffix in YAML:
         if len(logs) != 1 or map_path or drop or join or ground_truth:
             raise typer.BadParameter("to write a map, give one map (or a recording that has one) and nothing else")

@@ -31,7 +31,7 @@ class McapFile:
             raise MclError("no such file", path=path) from error
         except IsADirectoryError as error:
             raise MclError(
-                "cannot be read: this is a folder, not an .mcap", "a bag? then: mcl convert", path=path
+                "cannot be read: a directory, not an .mcap", "a bag? then: mcl convert", path=path
             ) from error
         except OSError as error:
             raise MclError(f"cannot be read: {error.strerror}", path=path) from error

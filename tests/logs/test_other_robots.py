@@ -323,7 +323,7 @@ def test_a_packed_file_and_a_bags_folder_say_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "a.mcap.zstd").write_bytes(ZstdCompressor().compress(b"anything"))
     with pytest.raises(MclError, match=r"packed with zstd.*mcl convert"):
         read_log(tmp_path / "a.mcap.zstd")
-    with pytest.raises(MclError, match=r"this is a folder.*mcl convert"):
+    with pytest.raises(MclError, match=r"a directory, not an .mcap .a bag.*mcl convert"):
         read_log(tmp_path)
 
 

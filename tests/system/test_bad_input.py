@@ -31,6 +31,8 @@ def desk(journey: Journey, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (desk / "cut.mcap").write_bytes(journey.log.read_bytes()[:20_000])
     (desk / "run.rrd").write_bytes((journey.run / "run.rrd").read_bytes())
     (desk / "stub.rrd").write_bytes((journey.run / "run.rrd").read_bytes()[:500])
+    (desk / "cut.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
+    (desk / "office.mcap.zstd").write_bytes(b"\x28\xb5\x2f\xfd" + bytes(100))
     (desk / "two.tum").write_text("0 1 2 0 0 0 0 1\n1 1 2\n")
     (desk / "typo.yaml").write_text("max_beams: 30\nmax_particle: 5\n")
     (desk / "bounds.yaml").write_text("max_particles: -5\n")
@@ -65,10 +67,24 @@ BAD_INPUT = {
     "convert office.log.gz -o folder --force": r"folder: .*folder",
     "convert office.log.gz -o letter.txt/new.mcap": r"letter\.txt",
     "convert office.log.gz -o office.log.gz --force": r"office\.log\.gz: .*one of the inputs",
+    f"convert cut.bag {TO}": r"cut\.bag: this bag is cut or damaged",
+    f"convert office.mcap {TO}": r"office\.mcap: mcl convert made this file.*mcl localize",
+    f"convert office.log.gz --scan-topic /scan {TO}": r"office\.log\.gz: .*no topics",
+    "convert letter.txt -o new.yaml": r"letter\.txt: .*not a map",
+    "convert office.log.gz -o new.yaml": r"office\.log\.gz: .*not a map",
+    "convert office.dat.gz -o typo.yaml": r"typo\.yaml: .*exists.*--force",
     f"localize nosuch.mcap -o {NEW}": r"nosuch\.mcap: no such file",
-    f"localize folder -o {NEW}": r"folder: .*directory",
+    f"localize folder -o {NEW}": r"folder: .*directory.*mcl convert",
     f"localize cut.mcap -o {NEW}": r"cut\.mcap: .*cut",
     f"localize office.log.gz -o {NEW}": r"office\.log\.gz: .*mcl convert",
+    f"localize cut.bag -o {NEW}": r"cut\.bag: not an MCAP file.*mcl convert",
+    f"localize office.mcap.zstd -o {NEW}": r"office\.mcap\.zstd: .*packed with zstd",
+    f"localize office.mcap --scan-topic /front -o {NEW}": r"no topic /front.*it has .*/scan \(sensor_msgs",
+    f"localize office.mcap --odom-topic /scan -o {NEW}": r"/scan has .*LaserScan.*not of nav_msgs/msg/Odometry",
+    f"localize office.mcap --base-frame body -o {NEW}": r"no transform from 'body' to the laser.*base_link -> laser",
+    f"localize office.mcap --laser-frame eye -o {NEW}": r"no transform from 'base_link' to the laser 'eye': it has ",
+    "evaluate office.mcap --scan-topic /front": r"no topic /front",
+    "tune office.mcap --odom-topic /wheels": r"no topic /wheels",
     f"localize office.mcap --map letter.txt -o {NEW}": r"letter\.txt: .*not a map",
     "localize office.mcap -o full": r"full: .*never overwritten",
     "localize office.mcap -o letter.txt": r"letter\.txt: ",
@@ -116,6 +132,8 @@ BAD_USAGE = {
     "convert office.log.gz": "-o",
     f"convert {TO}": "LOG",
     f"convert office.log.gz --drop 40 {TO}": "'40' is not BEGIN:END",
+    "convert office.dat.gz --join -o new.yaml": "give one map",
+    "convert office.dat.gz --mode ternary -o new.yaml": "ternary",
     f"localize office.mcap --pose 1,2 -o {NEW}": "'1,2' is not X,Y,YAW",
     f"localize office.mcap --pose 1,2,nan -o {NEW}": "is not X,Y,YAW",
     f"localize office.mcap --pose 1,2,3 --init map -o {NEW}": "--init map does not",
