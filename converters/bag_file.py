@@ -13,7 +13,7 @@ import numpy as np
 
 from pipeline.errors import MclError
 from pipeline.logs import schema
-from pipeline.logs.recorded import Messages, Topic
+from pipeline.logs.recorded import Messages, Topic, check_complete
 
 ROS1_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"SQLite format 3\0"
 METADATA = "metadata.yaml"
@@ -72,6 +72,7 @@ class BagFile:
                 times, contents = found.setdefault(connection.topic, ([], []))
                 times.append(time)
                 contents.append(self._as_ros2(bytes(data), connection))
+        check_complete(self.path, self.topics, names, found)
         return {
             name: Messages(self.topics[name], np.array(times, dtype=np.int64), np.arange(len(times)), contents)
             for name, (times, contents) in found.items()

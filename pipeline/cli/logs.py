@@ -91,6 +91,7 @@ def convert(
         if source is not None and source.exists() and output.exists() and source.samefile(output):
             raise MclError("the output is one of the inputs", "give it another name", path=output)
     from converters import convert as convert_logs
+    from converters import read_map
 
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     report = convert_logs(
@@ -106,6 +107,9 @@ def convert(
         ("size", f"{report.size / 1e6:.2f} MB"),
     ]
     console.note(facts(", ".join(log.name for log in logs), rows))
+    if map_path is not None:
+        for remark in read_map(map_path).remarks:
+            console.note(f"note: {map_path}: {remark}")
     if ground_truth is not None:
         _doubt_truth(report.output)
     console.result(str(report.output))

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from pipeline.errors import MclError
-from pipeline.logs.recorded import Messages, Topic
+from pipeline.logs.recorded import Messages, Topic, check_complete
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
@@ -75,6 +75,7 @@ class McapFile:
                 data = before.data + data
             stamps, numbers = np.array(times, dtype=np.int64), np.array(sequences, dtype=np.int64)
             result[name] = Messages(self.topics[name], stamps, numbers, data)
+        check_complete(self.path, self.topics, names, result)
         return result
 
     def metadata(self) -> dict[str, dict[str, str]]:

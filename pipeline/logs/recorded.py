@@ -10,6 +10,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import MclError
+
 _LISTED = 12  # topics (or transforms) that an error message names
 
 
@@ -65,6 +67,13 @@ class Names:
     base_frame: str | None = None
     odom_frame: str | None = None
     laser_frame: str | None = None
+
+
+def check_complete(path: Path, topics: Mapping[str, Topic], names: Collection[str], found: Collection[str]) -> None:
+    """Raises MclError if a topic that was asked for and should have messages has none."""
+    for name in names:
+        if name in topics and topics[name].count and name not in found:
+            raise MclError(f"damaged: {topics[name].count} messages on {name} promised, none there", path=path)
 
 
 def describe(topics: Mapping[str, Topic]) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import random
+import sqlite3
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -251,6 +254,26 @@ def test_only_bags_have_topics_to_choose(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_text("O 1 2 3 4\n")
     with pytest.raises(MclError, match="a CMU O/L text log has no topics and frames to choose"):
         convert([tmp_path / "a.log"], tmp_path / "a.mcap", names=Names(scan_topic="/scan"))
+
+
+def test_messages_that_are_promised_and_missing(tmp_path: Path) -> None:
+    folder = ros2(ordinary(), tmp_path / "bag", StoragePlugin.SQLITE3)
+    with sqlite3.connect(folder / "bag.db3") as database:
+        database.execute("DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name LIKE '%scan_front')")
+    with pytest.raises(MclError, match="bag: damaged: 10 messages on /base/scan_front promised, none there"):
+        convert([folder], tmp_path / "a.mcap")
+
+
+def test_a_damaged_bag_is_refused_or_read(tmp_path: Path) -> None:
+    whole = ros1(driven(), tmp_path / "a.bag").read_bytes()
+    rng = random.Random(0)
+    for _ in range(100):
+        damaged = bytearray(whole)
+        for _ in range(rng.choice([1, 5, 50])):
+            damaged[rng.randrange(14, len(whole))] = rng.randrange(256)
+        (tmp_path / "damaged.bag").write_bytes(damaged)
+        with suppress(MclError):
+            convert([tmp_path / "damaged.bag"], tmp_path / "out.mcap")
 
 
 def test_bags_that_are_cut_or_none(tmp_path: Path) -> None:
