@@ -188,6 +188,9 @@ def _convert_map(source: Path, output: Path, mode: MapMode, force: bool) -> None
     console.note(facts(source.name, rows))
     for remark in grid.remarks:
         console.note(f"note: {remark}")
+    graded = float(((grid.occupancy > 0.01) & (grid.occupancy < 0.99)).sum() / max(grid.known.sum(), 1))
+    if mode is MapMode.trinary and graded > 0.01:
+        console.note(f"note: {percent(graded)} of what is known is neither sure nor free; --mode raw keeps such shades")
     for path in written:
         console.result(str(path))
 
