@@ -26,7 +26,7 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 HEAD = 4096  # bytes (unpacked) by which a file is known
 
 
-def read_map(path: Path) -> OccupancyGrid:
+def read_map(path: Path | str) -> OccupancyGrid:
     """The map in a beesoft file (plain or gzipped) or described by a map_server YAML.
 
     Raises MclError for a log, an image, and whatever is wrong in the file.

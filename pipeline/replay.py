@@ -17,7 +17,7 @@ from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
 from pipeline.evaluate.runs import kidnapped_in
 from pipeline.filter.step import Step
-from pipeline.localize import RunResult, Sink, localize
+from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.recording.run_folder import RunFolder

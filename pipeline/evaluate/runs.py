@@ -28,7 +28,7 @@ from pipeline.evaluate.report import Evaluation, LogEvaluation, Run, versions
 from pipeline.logs.messages import Log, Trajectory
 
 if TYPE_CHECKING:
-    from pipeline.localize import RunResult
+    from pipeline.localization import RunResult
 
 
 Task = tuple[int, int, int]
@@ -171,7 +171,7 @@ def _span(stamps: NDArray[np.int64]) -> str:
 
 
 def _localize(log: Log, config: Config, *, seed: int, threads: int) -> RunResult:
-    from pipeline.localize import localize  # here, so that a process sets its threads before it meets numba
+    from pipeline.localization import localize  # here, so that a process sets its threads before it meets numba
 
     return localize(log, config, seed=seed, threads=threads)
 

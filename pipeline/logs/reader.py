@@ -27,7 +27,7 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 _UPRIGHT = 0.9  # cosine of the largest tilt (26 deg) at which a laser still counts as horizontal
 
 
-def read_log(path: Path, grid: OccupancyGrid | None = None, names: Names | None = None) -> Log:
+def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names | None = None) -> Log:
     """The scans of the file in the order of their stamps, each with the odometry at its stamp.
 
     ``log.grid`` is ``grid`` if given, else the file's own map with all its digits, else its /map, else None.

@@ -48,7 +48,7 @@ def read_tum(path: Path, frame: str = "map") -> Trajectory:
     return Trajectory(np.array(stamps, dtype=np.int64), np.stack([x, y, yaw], axis=1), frame)
 
 
-def write_tum(path: Path, trajectory: Trajectory) -> None:
+def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     """Writes one line per pose, nine decimals each, stamps exact to the nanosecond."""
     lines = []
     for stamp, (x, y, yaw) in zip(trajectory.stamps.tolist(), trajectory.poses.tolist(), strict=True):

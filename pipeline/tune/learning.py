@@ -13,7 +13,7 @@ from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.expected_ranges import select_beams
 from pipeline.filter.range_bias import RangeBias
-from pipeline.localize import localize
+from pipeline.localization import localize
 from pipeline.logs.messages import Log, Scan
 from pipeline.maps.walls import wall_half_thickness
 from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model

@@ -12,7 +12,7 @@ from pipeline.errors import MclError
 from pipeline.filter.expected_ranges import select_beams
 from pipeline.geometry import between, compose
 from pipeline.kernels import raycast
-from pipeline.localize import RunResult
+from pipeline.localization import RunResult
 from pipeline.logs.messages import Log
 from pipeline.maps.range_table import opaque_cells, range_codes
 from pipeline.tune.em import Array, Readings

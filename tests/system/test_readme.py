@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 CONSOLE = re.findall(r"^```console\n\$ mcl (.*?)\n(.*?)^```$", README, re.M | re.S)
 PYTHON = re.findall(r"^```python\n(.*?)^```$", README, re.M | re.S)
-QUICK = ((r"--runs \d+", "--runs 2 --set recovery=none"), (r"sigma_hit=0\.2\"", 'recovery=none"'))
+QUICK = ((r"--runs \d+", "--runs 2 --set recovery=none"), (r"Config\(sigma_hit=0\.2\)", 'Config(recovery="none")'))
 
 
 def labels(text: str) -> set[str]:

@@ -10,7 +10,7 @@ import pytest
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.step import Step
-from pipeline.localize import localize
+from pipeline.localization import localize
 from pipeline.logs.messages import Log
 
 

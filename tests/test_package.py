@@ -1,0 +1,72 @@
+"""What `from pipeline import ...` offers: by these names, whatever was imported before, and nothing heavy before it is
+used."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pipeline
+
+NAMES = sorted(pipeline.__all__)
+
+
+def run(program: str) -> str:
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    run("""
+import sys
+import pipeline
+heavy = sorted({"numba", "rerun", "scipy", "matplotlib", "rosbags", "pydantic", "numpy", "typer"} & set(sys.modules))
+assert not heavy, heavy
+from pipeline import Config, load_map, localize, read_log
+heavy = sorted({"numba", "rerun", "scipy", "matplotlib"} & set(sys.modules))
+assert not heavy, heavy
+""")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_is_there_and_calls_what_it_says(name: str) -> None:
+    assert name in dir(pipeline)
+    assert callable(getattr(pipeline, name))
+
+
+def test_submodules_imported_before_do_not_take_a_names_place() -> None:
+    run("""
+import pipeline.localization, pipeline.config, pipeline.logs.reader, pipeline.replay, pipeline.cli, converters
+from pipeline import Config, load_map, localize, read_log
+assert localize is pipeline.localization.localize
+assert read_log is pipeline.logs.reader.read_log
+assert Config is pipeline.config.Config
+assert load_map is converters.read_map
+""")
+
+
+def test_no_submodule_has_the_name_of_something_offered() -> None:
+    """The import system would put the module in its place."""
+    folder = Path(pipeline.__file__).parent
+    assert not {path.stem for path in folder.iterdir()} & set(NAMES)
+
+
+def test_what_is_not_there_is_no_attribute() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'teleport'"):
+        _ = pipeline.teleport
+    assert not hasattr(pipeline, "_repr_html_")
+
+
+def test_the_stub_offers_the_same_names() -> None:
+    stub = ast.parse(Path(pipeline.__file__).with_suffix(".pyi").read_text())
+    (offered,) = (
+        ast.literal_eval(node.value)
+        for node in stub.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+    )
+    assert sorted(offered) == NAMES
