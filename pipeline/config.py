@@ -54,6 +54,9 @@ class Config(BaseModel):
     alpha2: NonNegative = Field(0.02, description="Variance of rotation from translation, rad^2/m^2.")
     alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")
     alpha4: NonNegative = Field(0.002, description="Variance of translation from rotation, m^2/rad^2.")
+    slip: Fraction = Field(
+        0.1, description="Share of moves with fifteen times the deviation, when few beams are explained: wheels slip."
+    )
 
     # --- which beams are used ----------------------------------------------------------------------------
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")

@@ -16,36 +16,19 @@ from pipeline.filter.step import Estimate
 from pipeline.kernels.random import stream_key
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
-PATCH_D = 1.0
-PATCH_A = 1.0
-"""m, rad of driving in which the map counts once: where it is wrong, it is wrong for all the scans taken there."""
-SETTLED = 0.9
-"""Weight of the best hypothesis from which on a belief is settled."""
 MOTION, RESAMPLE = 1, 2
-"""Purposes of random numbers; a belief adds its own ``stream``, so that no two beliefs share any."""
-
-
-def patches(motion: OdometryMotion) -> float:
-    """How much of a new patch of floor a move leads to, at most one."""
-    return min(1.0, abs(motion.trans) / PATCH_D + abs(motion.rot1 + motion.rot2) / PATCH_A)
+"""Purposes of random numbers."""
 
 
 class Belief:
-    """Predict, weigh, group, resample: one turn of Table 8.2 for each scan.
+    """Predict, weigh, group, resample: one turn of Table 8.2 for each scan."""
 
-    ``stream`` tells the random numbers of this belief from those of others of the same seed; ``settled``: whether it
-    follows every scan from the start.
-    """
-
-    def __init__(
-        self, grid: OccupancyGrid, config: Config, sensor: Sensor, seed: int, stream: int, settled: bool
-    ) -> None:
-        self._config, self._sensor, self._seed, self._stream = config, sensor, seed, stream
+    def __init__(self, grid: OccupancyGrid, config: Config, sensor: Sensor, seed: int) -> None:
+        self._config, self._sensor, self._seed = config, sensor, seed
         self._clusters = Clusters(grid, config.max_particles)
         self._resample_due = False
-        self.particles = Particles(config.max_particles)
+        self.particles = Particles(config.max_particles, config.slip)
         self.hypotheses: tuple[Estimate, ...] = ()
-        self.settled = settled
 
     def resample(self, scan: int) -> bool:
         """Survivors replace the particles, if the weights have become uneven; returns whether they did.
@@ -56,32 +39,30 @@ class Belief:
             return False
         p = self.particles
         n = next_count(p.n, p.weights, self._clusters.bin_weights, self._config)
-        key = stream_key(self._seed, scan, self._stream + RESAMPLE)
+        key = stream_key(self._seed, scan, RESAMPLE)
         p.survive(draw_ancestors(p.weights, n, self._config.resampler, key))
         self._resample_due = False
         return True
 
-    def predict(self, motion: OdometryMotion, scan: int) -> None:
-        """Every particle drives as the odometry says, each with noise of its own (Table 5.6)."""
-        self.particles.predict(motion, stream_key(self._seed, scan, self._stream + MOTION))
+    def predict(self, motion: OdometryMotion, scan: int, slipping: bool = False) -> None:
+        """Every particle drives as the odometry says, each with noise of its own (Table 5.6), or with more."""
+        self.particles.predict(motion, stream_key(self._seed, scan, MOTION), slipping)
 
-    def weigh(self, reading: Reading, temper: float) -> float:
-        """Every particle is weighed by how well its pose explains the scan; returns the log-evidence of the scan."""
+    def weigh(self, reading: Reading) -> None:
+        """Every particle is weighed by how well its pose explains the scan."""
         p, least = self.particles, self._config.resample_ess
         self._sensor.score(p.poses, reading, p.log_likelihood)
-        evidence = p.weigh(temper)
+        p.weigh(reading.temper)
         self._resample_due = p.ess < least * p.n or least == 1.0
         self.hypotheses = self._clusters.find(p.poses, p.weights)
-        return evidence
 
-    def caution(self, motion: OdometryMotion) -> float:
-        """Exponent on a scan's likelihood: a belief that has not settled counts each patch of floor once.
-
-        So places that look alike live side by side until a difference is driven past; a belief that has settled follows
-        every scan. Once settled it stays so: being wrong is for the recovery to find out.
-        """
-        self.settled = self.settled or self.hypotheses[0].weight > SETTLED
-        return 1.0 if self.settled else patches(motion)
+    def move(self, poses: NDArray[np.float32], weights: NDArray[np.float64], key: np.uint64) -> None:
+        """Start anew at the place of these poses (3, m), grid frame, with weights (m,) summing to one."""
+        p = self.particles
+        n = min(p.capacity, max(self._config.min_particles, len(weights)))
+        p.place(np.ascontiguousarray(poses[:, draw_ancestors(weights, n, "low_variance", key)]))
+        self._resample_due = False
+        self.hypotheses = self._clusters.find(p.poses, p.weights)
 
     def admit(self, poses: NDArray[np.float32], share: float, key: np.uint64) -> None:
         """Newcomers (3, m) join with this share of the weight between them, making room if need be."""

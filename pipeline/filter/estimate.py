@@ -67,9 +67,15 @@ class Clusters:
         delta = s[4:7] / s[0]
         xx, xy, xt, yy, yt, tt = s[7:13] / s[0]
         covariance = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]) - np.outer(delta, delta)
-        pose = s[1:4] + delta
-        cos, sin = np.cos(self._grid.origin[2]), np.sin(self._grid.origin[2])
-        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        pose = self._grid.to_map(pose)
-        pose[2] = wrap_angle(pose[2])
-        return Estimate(pose, turn @ covariance @ turn.T, float(s[0]))
+        return map_estimate(self._grid, s[1:4] + delta, covariance, float(s[0]))
+
+
+def map_estimate(
+    grid: OccupancyGrid, pose: NDArray[np.float64], covariance: NDArray[np.float64], weight: float
+) -> Estimate:
+    """An estimate in the map frame from a pose (3,) and its covariance (3, 3) in the grid frame."""
+    cos, sin = np.cos(grid.origin[2]), np.sin(grid.origin[2])
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    pose = grid.to_map(pose)
+    pose[2] = wrap_angle(pose[2])
+    return Estimate(pose, turn @ covariance @ turn.T, weight)

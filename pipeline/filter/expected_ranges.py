@@ -90,18 +90,20 @@ class ExpectedRanges:
 
     def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""
-        codes = np.zeros((1, len(self._angles)), np.uint8)
+        return self.codes.ranges[self.codes_at(pose[None])[0][0]].astype(np.float32)
+
+    def codes_at(self, poses: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """(n, k) uint8 codes of those ranges from poses (n, 3), and (n,) which see nothing: in a wall, off the map."""
+        columns = np.ascontiguousarray(poses.T.astype(np.float32))
+        codes = np.zeros((len(poses), len(self._angles)), np.uint8)
         if self._casts:
-            self._cast_codes(np.asarray(pose, np.float32)[:, None], codes)
+            self._cast_codes(columns, codes)
         else:
-            x, y, theta = np.asarray(pose, np.float32)
-            inv = np.float32(1.0 / self._grid.resolution)
             lx, ly, yaw = self._laser_pose
-            turn = np.float32(yaw + self.first * BIN)
-            row, heading = scoring.look_up(x, y, theta, lx, ly, turn, inv, HEADINGS, self._row_of_cell)
-            if row >= 0:
-                codes[0] = self.rows[row, heading + self.offsets]
-        return self.codes.ranges[codes[0]].astype(np.float32)
+            place = (lx, ly, np.float32(yaw + self.first * BIN), np.float32(1.0 / self._grid.resolution))
+            scoring.look_up(*columns, *place, HEADINGS, self._row_of_cell, self.rows, self.offsets, codes)
+        blind: NDArray[np.bool_] = np.max(codes, axis=1) == 0
+        return codes, blind
 
     def _cast_codes(self, poses: NDArray[np.float32], out: NDArray[np.uint8]) -> None:
         cell = self._grid.resolution

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.motion_model import odometry_motion
+from pipeline.filter.particles import Particles
 from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.rivals import Rivals
 from pipeline.geometry import between, compose
 from pipeline.kernels.random import stream_key, uniforms
 from pipeline.kernels.smoothing import draw_predecessors
@@ -16,10 +18,12 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 
 REMEMBERED = 4000
 """Particles kept of every update, drawn by weight: enough to hold every place that was in question at the start."""
+PER_RIVAL = 5
+"""Of a rival's particles every fifth is kept."""
 TRAJECTORIES = 32
 BANDWIDTH = (0.03, 0.03, 0.02)
 """m, m, rad added to the motion's deviations: finitely many particles cannot lie exactly where the motion would."""
-JUMP = 1e-9
+JUMP = 3e-4
 """Density, relative to the motion's peak, of coming from anywhere: how a kidnapped robot arrives."""
 SMOOTH = 5
 
@@ -31,14 +35,24 @@ class Hindsight:
         self._grid, self._config = grid, config
         self._scans: list[int] = []
         self._poses: list[NDArray[np.float32]] = []
+        self._weights: list[NDArray[np.float32]] = []
+        self._own = 0
 
-    def remember(self, scan: int, poses: NDArray[np.float32], weights: NDArray[np.float64], key: np.uint64) -> None:
-        """Keep the belief after an update: poses (3, n) grid frame, weights (n,); drawn by weight, at most 4000."""
+    def remember(
+        self, scan: int, particles: Particles, rivals: Rivals, odds: NDArray[np.float64], key: np.uint64
+    ) -> None:
+        """Keep the belief after an update, at most 4000 particles drawn by weight, and some of each of its rivals: one
+        of them may turn out to have been right. ``odds`` (1 + rivals,) are the belief's and theirs."""
         if not self._config.hindsight:
             return
-        ancestors = draw_ancestors(weights, min(len(weights), REMEMBERED), "low_variance", key)
+        own = min(particles.n, REMEMBERED)
+        ancestors = draw_ancestors(particles.weights, own, "low_variance", key)
+        others = rivals.particles[:, :, ::PER_RIVAL]
+        shares = np.append(odds[0] / own, np.repeat(odds[1:] / others.shape[2], others.shape[2]))
         self._scans.append(scan)
-        self._poses.append(np.ascontiguousarray(poses[:, ancestors]))
+        self._poses.append(np.ascontiguousarray(np.hstack([particles.poses[:, ancestors], others.reshape(3, -1)])))
+        self._weights.append(np.append(np.full(own - 1, shares[0]), shares).astype(np.float32))
+        self._own = own
 
     def trajectory(self, odometry: NDArray[np.float64], seed: int) -> NDArray[np.float64] | None:
         """(n, 3) poses in the map frame for the n scans whose odometry (n, 3) is given; None if nothing was kept.
@@ -50,7 +64,8 @@ class Hindsight:
             return None
         last = self._poses[-1]
         key = stream_key(seed, self._scans[-1], SMOOTH)
-        pick = (uniforms(key, TRAJECTORIES) * last.shape[1]).astype(np.int64)
+        # The verdict at the end is the belief's.
+        pick = (uniforms(key, TRAJECTORIES) * self._own).astype(np.int64)
         at = last[:, pick].T.astype(np.float64)
         walks = np.empty((len(self._scans), TRAJECTORIES, 3))
         walks[-1] = at
@@ -62,7 +77,7 @@ class Hindsight:
             std = np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
             poses, key = self._poses[k], stream_key(seed, self._scans[k], SMOOTH)
             work = 30 * TRAJECTORIES * poses.shape[1]
-            draw_predecessors(work, *poses, at, between(before, after), std, JUMP, key, chosen)
+            draw_predecessors(work, *poses, self._weights[k], at, between(before, after), std, JUMP, key, chosen)
             at = poses[:, chosen].T.astype(np.float64)
             walks[k] = at
         return self._fill(self._agree(walks), odometry)

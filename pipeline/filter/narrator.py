@@ -26,11 +26,12 @@ class Narrator:
         self._resampled = 0
         self._pace = ""
 
-    def tell(self, step: Step, verdict: Verdict | None, settled: bool) -> Step:
-        """The step, with its events. ``verdict``: of the recovery, if any; ``settled``: the belief is at one place."""
+    def tell(self, step: Step, verdict: Verdict | None) -> Step:
+        """The step, with its events. ``verdict``: of the recovery, if any."""
         events = [
+            *self._search(step),
             *self._start(step),
-            *self._health(step, verdict, settled),
+            *self._health(step, verdict),
             *self._belief(step),
             *self._resampling(step),
         ]
@@ -41,6 +42,12 @@ class Narrator:
             return []
         self._started = True
         return [Event("started", f"Started with {len(step.particles):,} particles, spread {step.spread:.1f} m.")]
+
+    def _search(self, step: Step) -> list[Event]:
+        if step.heat is None or not self._started:
+            return []
+        here = f"only {100 * step.explained:.0f} % of the beams fit here"
+        return [Event("searched", f"Searched the building at {step.time:.1f} s: {here}.")]
 
     def _belief(self, step: Step) -> list[Event]:
         together = step.spread < CONVERGED_SPREAD and step.estimate.weight > CONVERGED_WEIGHT
@@ -54,13 +61,15 @@ class Narrator:
             return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
         return []
 
-    def _health(self, step: Step, verdict: Verdict | None, settled: bool) -> list[Event]:
+    def _health(self, step: Step, verdict: Verdict | None) -> list[Event]:
         events = []
         if verdict is not None:
             self._lost = True
-            lead = f"the scans of the last {verdict.since:.1f} s fit elsewhere better by {verdict.lead:.0f} nats"
-            events.append(Event("lost", f"Lost at {step.time:.1f} s: {lead}.", "WARN"))
-        if self._lost and settled and step.estimate.weight > CONVERGED_WEIGHT:
+            here = f"{100 * verdict.explained:.0f} % of the beams fit here"
+            there = f"a place {verdict.distance:.0f} m away fits the last {verdict.since:.1f} s better"
+            text = f"Lost at {step.time:.1f} s: {here}, {there} by {verdict.lead:.1f} nats."
+            events.append(Event("lost", text, "WARN"))
+        if self._lost and step.estimate.weight > CONVERGED_WEIGHT:
             self._lost = False
             x, y, yaw = step.estimate.pose
             where = f"({x:.2f}, {y:.2f}) m, heading {math.degrees(yaw):.0f} deg"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import TypeVar
 
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.belief import Belief
+from pipeline.filter.estimate import MAX_CLUSTERS, map_estimate
 from pipeline.filter.hindsight import Hindsight
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.motion_model import odometry_motion
 from pipeline.filter.narrator import Narrator
-from pipeline.filter.recovery import Recovery, Verdict
+from pipeline.filter.recovery import MARGIN, Recovery, Verdict
 from pipeline.filter.sensor import Reading, Sensor, explained_share
 from pipeline.filter.step import Estimate, Step
 from pipeline.geometry import between, compose
@@ -28,6 +30,8 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 INITIAL, REMEMBER = 0, 8
 """Purposes of random numbers: each has its own stream at every scan."""
+NOTABLE = 0.01
+"""Probability from which on a rival is shown among the hypotheses."""
 TRUSTED = 0.9
 """Weight of a hypothesis from which on its residuals may teach the range bias."""
 
@@ -41,7 +45,7 @@ class ParticleFilter:
     def __init__(self, grid: OccupancyGrid, laser: Laser, config: Config, seed: int = 0) -> None:
         self._grid, self._laser, self._config, self._seed = grid, laser, config, seed
         self._sensor = Sensor(grid, laser, config)
-        self._belief = Belief(grid, config, self._sensor, seed, stream=0, settled=True)
+        self._belief = Belief(grid, config, self._sensor, seed)
         self._recovery = Recovery(grid, config, self._sensor, seed)
         self._narrator = Narrator()
         self._map_poses = np.empty((config.max_particles, 3), np.float32)
@@ -56,14 +60,14 @@ class ParticleFilter:
         resampled, verdict = False, None
         if moved := self._moved(scan):
             if self._odometry is None:
-                self._start(reading)
+                self._start(scan, reading)
             else:
                 resampled, verdict = self._advance(scan, reading, self._odometry)
             self._odometry = scan.odometry
         step = self._step(scan, reading, moved, resampled)
         if moved:
             self._learn(step)
-        return self._narrator.tell(step, verdict, self._belief.settled)
+        return self._narrator.tell(step, verdict)
 
     def _moved(self, scan: Scan) -> bool:
         if self._odometry is None:
@@ -71,37 +75,39 @@ class ParticleFilter:
         dx, dy, turn = between(self._odometry, scan.odometry)
         return math.hypot(dx, dy) >= self._config.update_min_d or abs(turn) >= self._config.update_min_a
 
-    def _start(self, reading: Reading) -> None:
+    def _start(self, scan: Scan, reading: Reading) -> None:
         """Particles where config.init says; an exhaustive start has to see the first scan for that."""
         key = stream_key(self._seed, 0, INITIAL)
         if self._config.init == "exhaustive":
             poses = self._sensor.search(reading, self._config.max_particles, key).poses
+            self._recovery.start(poses, scan)
         else:
             poses = initial_particles(self._grid, self._config, int(key))
         self._belief.particles.place(poses)
-        self._belief.weigh(reading, reading.temper)
+        self._belief.weigh(reading)
 
     def _advance(self, scan: Scan, reading: Reading, before: NDArray[np.float64]) -> tuple[bool, Verdict | None]:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""
         motion = odometry_motion(before, scan.odometry, self._config)
         resampled = self._belief.resample(scan.index)
-        self._belief.predict(motion, scan.index)
-        self._belief.weigh(reading, reading.temper * self._belief.caution(motion))
-        self._belief, verdict = self._recovery.review(self._belief, motion, reading, scan.index, scan.time)
-        return resampled, verdict
+        self._belief.predict(motion, scan.index, self._recovery.slipping)
+        self._belief.weigh(reading)
+        return resampled, self._recovery.review(self._belief, motion, reading, scan)
 
     def _learn(self, step: Step) -> None:
         if step.estimate.weight > TRUSTED:
             self._sensor.bias.learn(step.beams.measured, step.beams.expected)
         self._recovery.observe(step)
-        p, key = self._belief.particles, stream_key(self._seed, step.index, REMEMBER)
-        self.hindsight.remember(step.index, p.poses, p.weights, key)
+        key = stream_key(self._seed, step.index, REMEMBER)
+        recovery = self._recovery
+        self.hindsight.remember(step.index, self._belief.particles, recovery.rivals, recovery.odds(MARGIN), key)
 
     def _step(self, scan: Scan, reading: Reading, moved: bool, resampled: bool) -> Step:
         p, best = self._belief.particles, self._belief.hypotheses[0]
         # While the robot (nearly) stands still, the estimate follows the odometry, as the next prediction will.
         drift = between(self._odometry, scan.odometry)  # type: ignore[arg-type]
-        estimate = Estimate(compose(best.pose, drift), best.covariance, best.weight)
+        odds = self._recovery.odds()
+        estimate = Estimate(compose(best.pose, drift), best.covariance, float(odds[0]) * best.weight)
         at_x, at_y, _ = self._grid.to_grid(estimate.pose)
         beams = self._sensor.beams_at(estimate.pose, reading)
         to_map(3 * p.n, *p.poses, *self._grid.origin, self._map_poses)
@@ -112,7 +118,7 @@ class ParticleFilter:
             particles=_read_only(self._map_poses[: p.n]),
             log_weights=_read_only(p.log_weights),
             estimate=estimate,
-            clusters=(estimate, *self._belief.hypotheses[1:]),
+            clusters=self._clusters(estimate, odds),
             beams=beams,
             ess=p.ess,
             mean_likelihood=math.exp(p.mean_log_likelihood() / reading.valid),
@@ -122,6 +128,15 @@ class ParticleFilter:
             resampled=resampled,
             heat=self._sensor.heat(),
         )
+
+    def _clusters(self, estimate: Estimate, odds: NDArray[np.float64]) -> tuple[Estimate, ...]:
+        """The estimate, and after it the belief's other hypotheses and its rivals, heaviest first."""
+        others = [dataclasses.replace(h, weight=float(odds[0]) * h.weight) for h in self._belief.hypotheses[1:]]
+        rivals = self._recovery.rivals
+        for row in np.flatnonzero(odds[1:] > NOTABLE):
+            pose, covariance = rivals.poses[row], rivals.covariance(int(row))
+            others.append(map_estimate(self._grid, pose, covariance, float(odds[1 + row])))
+        return (estimate, *sorted(others, key=lambda e: -e.weight)[: MAX_CLUSTERS - 1])
 
 
 def _read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -18,15 +18,15 @@ class Particles:
     """Up to ``capacity`` particles in buffers that are used again at every scan.
 
     Poses are (3, n) float32 in the grid frame: x, y, theta each contiguous. Weights are kept as logarithms;
-    ``weights`` are their exponentials, and sum to one.
+    ``weights`` are their exponentials, and sum to one. ``slip``: share of moves with far wider noise.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, slip: float = 0.0) -> None:
         # Two sets of poses: survivors are gathered from one into the other.
         self._store, self._spare = np.empty((3, capacity), np.float32), np.empty((3, capacity), np.float32)
         self._log_weights, self._weights = np.empty(capacity), np.empty(capacity)
         self._log_likelihood = np.zeros(capacity, np.float32)
-        self._quantiles = normal_quantiles()
+        self._quantiles, self._slipping = normal_quantiles(), normal_quantiles(slip)
         self.n = 0
         self.ess = 0.0
 
@@ -61,10 +61,10 @@ class Particles:
         self.poses[:] = poses
         self._equal_weights()
 
-    def predict(self, motion: OdometryMotion, key: np.uint64) -> None:
-        """Every particle drives as the odometry says, each with noise of its own (Table 5.6)."""
+    def predict(self, motion: OdometryMotion, key: np.uint64, slipping: bool = False) -> None:
+        """Every particle drives as the odometry says, each with noise of its own (Table 5.6), or with more."""
         m = motion
-        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles)
+        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._slipping if slipping else self._quantiles)
         move(30 * self.n, *self.poses, m.rot1, m.trans, m.rot2, *noise)
 
     def weigh(self, temper: float) -> float:

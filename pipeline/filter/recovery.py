@@ -4,107 +4,167 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.config import Config
-from pipeline.filter.belief import Belief, patches
+from pipeline.filter.belief import Belief
+from pipeline.filter.evidence import Evidence
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.motion_model import OdometryMotion
+from pipeline.filter.rivals import Rivals, same_place
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Step
 from pipeline.kernels.random import stream_key
+from pipeline.logs.messages import Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 RATE = 0.1
 """Share of a new scan in the smoothed share of explained beams: about ten updates of memory."""
-DOUBTFUL = 0.6
-"""Below this smoothed share a challenger is called. Right poses explain 0.5 to 0.95 of the beams: people, open
-doors and rooms that the map lacks take the rest. So doubt is cheap and frequent; the challenger decides."""
-MOST_PER_PATCH = 10.0
-"""Nats that one patch may count for or against the challenger: a crowd, or a new door, can spoil any."""
-MARGIN = 16.0
-"""Nats by which a challenger must be ahead to replace the belief: odds of ten million to one, if the scans were
-all that the model takes them for. At right poses, where the map was wrong, one has been ahead by 14."""
-CHALLENGERS = 5000
-"""Particles that a challenger never falls below: several places must live in it side by side."""
-PATIENCE = 60.0
-"""Seconds after which a challenger that does not win gives way to a fresh one."""
+DOUBTFUL = 0.65
+"""Below this smoothed share rivals are looked for. Right poses explain 0.5 to 0.95 of the beams: people, open doors
+and rooms that the map lacks take the rest. So doubt is cheap and frequent; the evidence decides."""
+UNEXPLAINED = 0.45
+RESPITE = 10.0
+"""Seconds from one search to the next."""
+MOST_RIVALS = 24
+"""How many are followed at a time. Those far behind soon go."""
+DRAWS = 20_000
+"""Poses drawn from a search, among which the rivals are the densest."""
+MARGIN = 9.5
+"""Nats: a rival takes the belief's place when its lead over the belief and its lead over every other rival add up
+to this. Where the map is wrong many rivals are ahead of a right belief, by up to 7, but none stands out."""
+HOPELESS = 8.0
+"""Nats behind the best contender at which a rival is given up."""
+SETTLED = 0.9
+"""Weight of the best hypothesis from which on the belief is at one place."""
 STREAM = 16
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The belief was replaced by a challenger, ``lead`` nats ahead, that had begun ``since`` seconds before."""
+    """A rival took the belief's place: ``lead`` nats ahead, followed for ``since`` seconds, ``distance`` m away from
+    the belief, which explained this smoothed share of the beams."""
 
     lead: float
     since: float
+    distance: float
+    explained: float
 
 
 class Recovery:
     """Watches the belief, in the way that ``config.recovery`` names.
 
-    ``search``: when few beams are explained, a challenger starts from an exhaustive search of the building. The
-    evidence that the robot was carried away is the challenger's against the belief's own, patch of floor by patch;
-    with a clear lead the challenger takes over.
+    ``search``: rivals from an exhaustive search of the building, at the start and whenever few beams are explained, are
+    followed beside the belief until the evidence has decided. One that is clearly ahead takes the belief's
+    place, and the belief becomes a rival: no decision is final.
     ``augmented``: random newcomers as w_slow and w_fast ask for them (Table 8.3).
     """
 
     def __init__(self, grid: OccupancyGrid, config: Config, sensor: Sensor, seed: int) -> None:
         self._grid, self._config, self._sensor, self._seed = grid, config, sensor, seed
         self._slow = self._fast = 0.0
-        self._challenger: Belief | None = None
-        self._began = 0.0
-        self._lead = 0.0
-        self.explained: float | None = None
+        self._explained: float | None = None
+        self.rivals = Rivals(sensor, seed, STREAM + 2)
+        self._evidence = Evidence()
+        self._searched = 0.0
+
+    @property
+    def slipping(self) -> bool:
+        """Whether so little is explained that the wheels may have slipped."""
+        return self._explained is not None and self._explained < UNEXPLAINED
+
+    def odds(self, against: float = 0.5 * MARGIN) -> NDArray[np.float64]:
+        """(1 + rivals,) probabilities of the belief and of each rival, if one of them is right.
+
+        A robot is seldom carried off: the odds of that are ``against`` nats. By default a lone rival is as likely as
+        the belief when it is about to take its place.
+        """
+        leads = self._evidence.leads() - against * (np.arange(1 + len(self.rivals)) > 0)
+        likely: NDArray[np.float64] = np.exp(leads - leads.max())
+        return likely / likely.sum()
+
+    def start(self, poses: NDArray[np.float32], scan: Scan) -> None:
+        """Follow also the places that the search for the start found: ``poses`` (3, n) in the grid frame."""
+        if self._config.recovery == "search":
+            self._add(poses, np.empty((0, 3)), scan)
 
     def observe(self, step: Step) -> None:
         """Take in what an update gave."""
-        first = self.explained is None
-        before = step.explained if self.explained is None else self.explained
-        self.explained = before + RATE * (step.explained - before)
+        first = self._explained is None
+        before = step.explained if self._explained is None else self._explained
+        self._explained = before + RATE * (step.explained - before)
         slow, fast = self._config.recovery_alpha_slow, self._config.recovery_alpha_fast
         self._slow = step.mean_likelihood if first else self._slow + slow * (step.mean_likelihood - self._slow)
         self._fast = step.mean_likelihood if first else self._fast + fast * (step.mean_likelihood - self._fast)
 
-    def review(
-        self, belief: Belief, motion: OdometryMotion, reading: Reading, scan: int, time: float
-    ) -> tuple[Belief, Verdict | None]:
-        """The belief that goes on after this scan, which ``belief`` has been weighed by; and what there is to tell."""
+    def review(self, belief: Belief, motion: OdometryMotion, reading: Reading, scan: Scan) -> Verdict | None:
+        """Let the rivals take their turn after the belief has taken its own; returns the verdict, if one fell."""
         if self._config.recovery == "augmented":
-            self._add_random(belief, scan)
-        if self._config.recovery != "search" or self.explained is None:
-            return belief, None
-        if self._challenger is None:
-            if self.explained < DOUBTFUL:
-                self._call(reading, scan, time)
-            return belief, None
-        self._compare(self._challenger, belief, motion, reading, scan)
-        return self._judge(self._challenger, belief, time)
+            self._add_random(belief, scan.index)
+        if self._config.recovery != "search":
+            return None
+        self.rivals.follow(motion, reading, scan.index)
+        if self._doubtful(scan):
+            key = stream_key(self._seed, scan.index, STREAM)
+            self._add(self._sensor.search(reading, DRAWS, key).poses, self._place(belief)[None], scan)
+        if not len(self.rivals):
+            return None
+        self._hear(belief, reading, scan)
+        verdict = self._decide(belief, scan)
+        self._dismiss(belief)
+        return verdict
 
-    def _call(self, reading: Reading, scan: int, time: float) -> None:
-        fewest = min(CHALLENGERS, self._config.max_particles)
-        config = self._config.model_copy(update={"min_particles": max(fewest, self._config.min_particles)})
-        challenger = Belief(self._grid, config, self._sensor, self._seed, STREAM, settled=False)
-        key = stream_key(self._seed, scan, STREAM)
-        challenger.particles.place(self._sensor.search(reading, self._config.max_particles, key).poses)
-        self._challenger, self._began, self._lead = challenger, time, 0.0
+    def _doubtful(self, scan: Scan) -> bool:
+        return self._explained is not None and self._explained < DOUBTFUL and scan.time - self._searched >= RESPITE
 
-    def _compare(self, challenger: Belief, belief: Belief, motion: OdometryMotion, reading: Reading, scan: int) -> None:
-        """The challenger takes its turn, and the lead changes by what the scan says for each of the two."""
-        patch = patches(motion)
-        temper = reading.temper * patch
-        challenger.resample(scan)
-        challenger.predict(motion, scan)
-        gained = challenger.weigh(reading, temper) - temper * belief.particles.mean_log_likelihood()
-        self._lead += min(max(gained, -MOST_PER_PATCH * patch), MOST_PER_PATCH * patch)
+    def _add(self, draws: NDArray[np.float32], taken: NDArray[np.float64], scan: Scan) -> None:
+        self._evidence.admit(self.rivals.find(draws, taken, MOST_RIVALS - len(self.rivals), scan.time))
+        self._searched = scan.time
 
-    def _judge(self, challenger: Belief, belief: Belief, time: float) -> tuple[Belief, Verdict | None]:
-        since = time - self._began
-        if self._lead > MARGIN:
-            self._challenger, self.explained = None, None
-            return challenger, Verdict(self._lead, since)
-        behind = self._lead < 0.0 and (self.explained or 0.0) > DOUBTFUL
-        if behind or since > PATIENCE:
-            self._challenger = None
-        return belief, None
+    def _place(self, belief: Belief) -> NDArray[np.float64]:
+        return self._grid.to_grid(belief.hypotheses[0].pose)
+
+    def _hear(self, belief: Belief, reading: Reading, scan: Scan) -> None:
+        poses = np.vstack([self._place(belief), self.rivals.poses])
+        testimony, weight = self._sensor.testimony(poses, reading)
+        self._evidence.enter(testimony, self._sensor.ends(scan.odometry, reading), scan.odometry[:2], weight)
+
+    def _decide(self, belief: Belief, scan: Scan) -> Verdict | None:
+        leads = self._evidence.leads()
+        second, best = np.argsort(leads, kind="stable")[-2:]
+        if best == 0 or 2.0 * leads[best] - leads[second] < MARGIN:
+            return None
+        rivals, winner = self.rivals, best - 1
+        away = np.hypot(*(rivals.poses[winner] - self._place(belief))[:2])
+        since, explained = scan.time - float(rivals.began[winner]), self._explained or 0.0
+        place = rivals.particles[:, winner].copy(), rivals.weights[winner].copy()
+        others = np.delete(np.arange(len(rivals)), winner)
+        rivals.keep(others)
+        rivals.adopt(belief.particles.poses, belief.particles.weights, scan.time, scan.index)
+        self._evidence.keep(np.array([best, *(others + 1), 0]))
+        belief.move(*place, stream_key(self._seed, scan.index, STREAM + 1))
+        self._explained = None
+        return Verdict(float(leads[best]), since, float(away), explained)
+
+    def _dismiss(self, belief: Belief) -> None:
+        """Rivals go that are far behind, or at the place of a better one; when none is left, the contest is over."""
+        leads, poses = self._evidence.leads(), np.vstack([self._place(belief), self.rivals.poses])
+        same = same_place(poses[:, None], poses[None])
+        settled = belief.hypotheses[0].weight > SETTLED
+        belief_row, kept = 0, list[int]()
+        for row in np.argsort(-leads[1:], kind="stable") + 1:
+            if leads[row] < leads.max() - HOPELESS or same[row, kept].any():
+                continue
+            if settled and same[row, 0]:
+                # Where the belief and a rival meet they are one, with the better account of the way there.
+                belief_row = row if leads[row] > leads[belief_row] else belief_row
+                continue
+            kept.append(row)
+        self.rivals.keep(np.array(kept, np.int64) - 1)
+        self._evidence.keep(np.array([belief_row, *kept]))
+        if not kept:
+            self._evidence = Evidence()
 
     def _add_random(self, belief: Belief, scan: int) -> None:
         share = min(0.99, max(0.0, 1.0 - self._fast / self._slow)) if self._slow > 0.0 else 0.0

@@ -101,6 +101,21 @@ class Sensor:
         heat[:, 2] = best - best[0]
         return heat.astype(np.float32)
 
+    def testimony(self, poses: NDArray[np.float64], reading: Reading) -> tuple[NDArray[np.float64], float]:
+        """(n, k) log-likelihood of each beam at poses (n, 3) of the grid frame, by the beam model; and for how many
+        independent beams one counts."""
+        codes, outside = self._expected.codes_at(poses)
+        beams = reading.rows[np.arange(codes.shape[1]), codes].astype(np.float64)
+        beams[outside] = self._model.outside(reading.ranges) / codes.shape[1]
+        return beams, self._model.temper(reading.ranges)
+
+    def ends(self, pose: NDArray[np.float64], reading: Reading) -> NDArray[np.float64]:
+        """(k, 2) where the beams ended, seen from a pose (3,) of the robot, in its frame; not finite for no return."""
+        x, y, yaw = compose(pose, self._laser.pose)
+        angles, ranges = yaw + self._laser.angles[self._beams], reading.ranges.astype(np.float64)
+        ranges[~np.isfinite(ranges)] = np.nan
+        return np.stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)], axis=1)
+
     def beams_at(self, pose: NDArray[np.float64], reading: Reading) -> Beams:
         """The beams as they should be and as they are, at a pose (3,) of the robot in the map frame."""
         expected = self._expected.at(self._grid.to_grid(pose))

@@ -37,7 +37,8 @@ class Beams:
 
 @dataclass(frozen=True)
 class Event:
-    """Something worth a line: ``kind`` is a word (started, converged, resampled, lost, found), ``text`` a sentence."""
+    """Something worth a line: ``kind`` is a word (started, searched, converged, diverged, resampled,
+    lost, found), ``text`` a sentence."""
 
     kind: str
     text: str

@@ -68,6 +68,12 @@ def score_codes(codes, log_likelihood, outside, out):
 
 
 @kernel
-def look_up(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell):
-    """``table_place`` for one pose, callable from Python."""
-    return table_place(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell)
+def look_up(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, rows, offsets, out):
+    """The codes that ``score`` reads for every pose -> ``out`` (n, k) uint8, left alone in a wall or off the map."""
+    for i in range(x.shape[0]):
+        row, heading = table_place(
+            x[i], y[i], theta[i], laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell
+        )
+        if row >= 0:
+            for k in range(offsets.shape[0]):
+                out[i, k] = rows[row, heading + offsets[k]]

@@ -20,10 +20,10 @@ def _wrapped(angle):
 
 
 @paired
-def draw_predecessors(x, y, theta, at, moved, std, jump, key, chosen):
+def draw_predecessors(x, y, theta, weights, at, moved, std, jump, key, chosen):
     """For each trajectory at its pose ``at`` (m, 3), draw the particle one update earlier that it came from.
 
-    ``x, y, theta`` (n,) float32 equally weighted particles; ``moved`` (3,): dx, dy, dtheta of the odometry as seen from
+    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (3,): dx, dy, dtheta of the odometry as seen from
     the earlier pose; ``std`` (3,): deviations along, across and in heading; ``jump``: density of coming from anywhere,
     as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
     """
@@ -39,7 +39,7 @@ def draw_predecessors(x, y, theta, at, moved, std, jump, key, chosen):
             turn = _wrapped(at[j, 2] - theta[i] - moved[2]) / std[2]
             far = along * along + across * across + turn * turn
             # Most particles are so far away that the exponential is nothing beside the jump.
-            density[i] = jump if far > NOWHERE else math.exp(-0.5 * far) + jump
+            density[i] = weights[i] * (jump if far > NOWHERE else math.exp(-0.5 * far) + jump)
             total += density[i]
         target = uniform(key, j) * total
         i = 0

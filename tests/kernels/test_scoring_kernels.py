@@ -64,25 +64,28 @@ def test_score_is_the_same_with_all_threads() -> None:
     np.testing.assert_array_equal(world.scores(), world.scores(work=10**9))
 
 
+def look_up(world: World, poses) -> np.ndarray:
+    codes = np.zeros((len(poses), len(world.offsets)), np.uint8)
+    columns = np.ascontiguousarray(np.array(poses, np.float32).T)
+    place = (np.float32(0), np.float32(0), np.float32(0), np.float32(1 / RESOLUTION))
+    scoring.look_up(*columns, *place, HEADINGS, world.row_of_cell, world.table, world.offsets, codes)
+    return codes
+
+
 def test_headings_go_round() -> None:
     """Headings that are whole turns apart look into the same place, at both ends of the circle too."""
     world = World(3, n=1)
     spot = np.argwhere(world.row_of_cell >= 0)[50][::-1] * RESOLUTION + RESOLUTION / 2
-    for degrees in (-180.0, -179.6, -0.4, 0.0, 0.4, 179.4, 179.6):
-        theta = np.float32(math.radians(degrees))
-        place = (np.float32(0), np.float32(0), np.float32(0), np.float32(1 / RESOLUTION), HEADINGS, world.row_of_cell)
-        row, heading = scoring.look_up(np.float32(spot[0]), np.float32(spot[1]), theta, *place)
-        assert row == world.row_of_cell[int(spot[1] / RESOLUTION), int(spot[0] / RESOLUTION)]
-        assert heading == math.floor(degrees + 0.5) % HEADINGS
+    degrees = np.array([-180.0, -179.6, -0.4, 0.0, 0.4, 179.4, 179.6])
+    found = look_up(world, [(*spot, math.radians(d)) for d in degrees])
+    row = world.row_of_cell[int(spot[1] / RESOLUTION), int(spot[0] / RESOLUTION)]
+    headings = np.floor(degrees + 0.5).astype(int) % HEADINGS
+    np.testing.assert_array_equal(found, world.table[row, headings[:, None] + world.offsets])
 
 
 @pytest.mark.parametrize("pose", [(math.nan, 1.0, 0.0), (math.inf, 1.0, 0.0), (1e30, -1e30, 0.0), (-0.01, 1.0, 0.0)])
 def test_poses_that_are_nowhere_are_outside(pose) -> None:
-    world = World(3)
-    laser = np.float32(0), np.float32(0), np.float32(0)
-    place = (*laser, np.float32(1 / RESOLUTION), HEADINGS, world.row_of_cell)
-    row, _ = scoring.look_up(*(np.float32(v) for v in pose), *place)
-    assert row == -1
+    assert not look_up(World(3), [pose]).any()
 
 
 def test_score_codes() -> None:

@@ -19,9 +19,10 @@ def poses(n: int) -> np.ndarray:
     return drawn.astype(np.float32)
 
 
-def drawn(particles, at, key, *, work: int = 0) -> np.ndarray:
+def drawn(particles, at, key, *, weights=None, work: int = 0) -> np.ndarray:
     chosen = np.empty(len(at), np.int32)
-    draw_predecessors(work, *np.ascontiguousarray(particles.T), at, MOVED, STD, JUMP, key, chosen)
+    weights = np.full(len(particles), 0.1, np.float32) if weights is None else weights
+    draw_predecessors(work, *np.ascontiguousarray(particles.T), weights, at, MOVED, STD, JUMP, key, chosen)
     return chosen
 
 
@@ -40,8 +41,9 @@ def test_agrees_with_the_twin() -> None:
 def test_draws_have_the_right_frequencies() -> None:
     particles, n = poses(8), 20_000
     at = np.repeat([[4.7, 4.0, -2.9]], n, axis=0)
-    counts = np.bincount(drawn(particles, at, stream_key(5, 5, 5)), minlength=8)
-    share = reference.predecessor_densities(particles, at[0], MOVED, STD, JUMP)
+    weights = np.linspace(0.5, 4.0, 8).astype(np.float32)
+    counts = np.bincount(drawn(particles, at, stream_key(5, 5, 5), weights=weights), minlength=8)
+    share = weights * reference.predecessor_densities(particles, at[0], MOVED, STD, JUMP)
     assert stats.chisquare(counts, n * share / share.sum()).pvalue > 1e-3
 
 
