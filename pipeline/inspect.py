@@ -188,9 +188,18 @@ def inspect(path: Path | str) -> Inspection:
 
     Raises MclError if there is no recording, or not one of this project's.
     """
+    return inspect_file(*open_recording(path))
+
+
+def open_recording(path: Path | str) -> tuple[Path, RrdFile]:
+    """The recording of a run's folder, or the .rrd itself: its path, and its chunks. Raises MclError as `inspect`."""
     path = Path(path)
     path = _recording_in(path) if path.is_dir() else path
-    file = read_rrd(path)
+    return path, read_rrd(path)
+
+
+def inspect_file(path: Path, file: RrdFile) -> Inspection:
+    """What these chunks of the recording at ``path`` tell. Raises MclError if they are not this project's."""
     tables = _tables(file)
     run = _properties(tables, entities.PROPERTY_RUN)
     if file.application_id != entities.APPLICATION_ID or not run:

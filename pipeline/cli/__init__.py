@@ -13,7 +13,8 @@ from typer.core import TyperGroup
 from pipeline import __version__, console
 from pipeline.cli.benching import bench
 from pipeline.cli.evaluation import evaluate
-from pipeline.cli.logs import convert, export, simulate
+from pipeline.cli.exporting import export
+from pipeline.cli.logs import convert, simulate
 from pipeline.cli.parameters import config
 from pipeline.cli.runs import demo, inspect, localize
 from pipeline.cli.tuning import tune

@@ -1,4 +1,4 @@
-"""Commands that make logs and give them back: convert, export, simulate."""
+"""Commands that make logs: convert, simulate."""
 
 from __future__ import annotations
 
@@ -123,24 +123,6 @@ def _doubt_truth(path: Path) -> None:
     with suppress(MclError):  # a log that cannot be read back has other troubles, which `localize` tells
         if doubt := doubt_truth(read_log(path)):
             console.note(f"warning: {doubt}")
-
-
-def export(
-    log: Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log that `mcl convert` made from a CMU log.")],
-    raw: Annotated[Path, typer.Option("--raw", metavar="DIR", help="The folder to write to.")],
-    force: ForceOption = False,
-) -> None:
-    """Give back the raw log and the raw map, every number as it was."""
-    from converters.cmu import export_raw
-    from pipeline.logs import schema
-    from pipeline.logs.mcap_file import McapFile
-
-    with McapFile(log) as file:
-        has_map = file.metadata().get(schema.MAP_SOURCE, {}).get("format") == "beesoft"
-    names = [raw / f"{log.stem}.log", raw / f"{log.stem}.dat"]
-    _refuse_existing(names, force)
-    for path in export_raw(log, names[0], names[1] if has_map else None):
-        console.result(str(path))
 
 
 def simulate(

@@ -1,0 +1,89 @@
+"""The command that makes something else of a run, or of a log the raw files that it was made from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.cli.parameters import ForceOption
+from pipeline.errors import MclError
+
+
+def export(
+    source: Annotated[
+        Path, typer.Argument(metavar="RUN|LOG.mcap", help="A run's folder or its run.rrd; with --raw a log.")
+    ],
+    outputs: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--output", "-o", metavar="FILE", help="A .png, .gif, .webp, .mp4, .tum, .csv or .parquet; repeatable."
+        ),
+    ] = None,
+    at: Annotated[
+        list[float] | None,
+        typer.Option(metavar="SECONDS", help="The picture of this moment; of several, a sheet; else of key moments."),
+    ] = None,
+    particles: Annotated[bool, typer.Option("--particles", help="In a table: the particles, not the scans.")] = False,
+    speed: Annotated[float, typer.Option(min=0.01, help="How much quicker than it was a movie shows the run.")] = 8.0,
+    fps: Annotated[
+        int | None, typer.Option(min=1, max=50, help="Pictures per second of a movie; 20 in an .mp4, else 10.")
+    ] = None,
+    size: Annotated[str | None, typer.Option(metavar="WxH", help="Pixels, like 1280x720.")] = None,
+    raw: Annotated[
+        Path | None, typer.Option("--raw", metavar="DIR", help="Write the raw log and map that a log was made from.")
+    ] = None,
+    force: ForceOption = False,
+) -> None:
+    """Make a picture, a movie or a table of a run.
+
+    Without --at, a .png shows the start, when the robot was located or lost, and the end. With --raw, the log and the
+    map that `mcl convert` made an .mcap from are given back, every number as it was.
+    """
+    if (raw is None) == (not outputs):
+        raise typer.BadParameter("give --output FILE for a run, or --raw DIR for a log")
+    if raw is not None:
+        _raw(source, raw, force)
+        return
+    pixels = _size(size)
+    from pipeline.export.files import Wishes, check
+    from pipeline.export.files import export as write
+    from pipeline.export.run import read_run
+
+    wishes = Wishes(at or (), particles, pixels, speed, fps)
+    for output in outputs or ():
+        check(output, wishes, force=force)
+    run = read_run(source)
+    if run.told.damage:
+        console.note(f"note: {run.told.path}: {run.told.damage}")
+    for output in outputs or ():
+        write(run, output, wishes, force=force, progress=console.progress)
+        console.result(str(output))
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise typer.BadParameter(f"{text!r} is not WIDTHxHEIGHT in pixels, like 1280x720")
+    return int(width), int(height)
+
+
+def _raw(log: Path, folder: Path, force: bool) -> None:
+    from converters.cmu import export_raw
+    from pipeline.logs import schema
+    from pipeline.logs.mcap_file import McapFile
+
+    with McapFile(log) as file:
+        has_map = file.metadata().get(schema.MAP_SOURCE, {}).get("format") == "beesoft"
+    names = [folder / f"{log.stem}.log", folder / f"{log.stem}.dat"]
+    for path in names:
+        if path.is_dir():
+            raise MclError("this is a folder, not a file to write", path=path)
+        if path.exists() and not force:
+            raise MclError("this file exists already", "--force replaces it", path=path)
+    for path in export_raw(log, names[0], names[1] if has_map else None):
+        console.result(str(path))

@@ -1,0 +1,1 @@
+"""A recorded run as something else: pictures, movies, tables."""

@@ -1,0 +1,350 @@
+"""A moment of a run as a picture: the map, a close-up of the robot, and how the belief went until then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.export.canvas import BLACK, GREY, PAPER, Box, Canvas, Colour, Raster, Window
+from pipeline.export.run import Moment, Run
+from pipeline.recording import palette
+from pipeline.recording.scenes import Scenes
+
+CLOSE = 12.0
+"""Metres that the close-up shows from side to side."""
+LEGEND: tuple[tuple[str, Colour], ...] = (
+    ("estimate, its path, 2 sigma", palette.ESTIMATE),
+    ("other hypotheses, share of weight", palette.HYPOTHESIS),
+    ("beams as measured", palette.MEASURED),
+    ("where the map ends them", palette.EXPECTED),
+    ("known in hindsight", palette.HINDSIGHT),
+    ("truth", palette.TRUTH),
+)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where what stands in a picture of so many pixels; ``unit`` scales type and lines, 1 at 720 rows."""
+
+    width: int
+    height: int
+    map: Box
+    close: Box
+    panel: Box
+    caption: Box
+    unit: float
+
+
+def full(width: int, height: int) -> Layout:
+    """The map on the left, a column with close-up, curves and legend on the right, a line below that tells."""
+    unit = min(height / 720, width / 1280)
+    caption, column = 44 * unit, 330 * unit
+    return Layout(
+        width,
+        height,
+        map=Box(0, caption, width - column, height - caption),
+        close=Box(width - column, height - column - 52 * unit, column, column),
+        panel=Box(width - column, caption, column, height - column - 52 * unit - caption),
+        caption=Box(0, 0, width, caption),
+        unit=unit,
+    )
+
+
+def tile(width: int, height: int) -> Layout:
+    """A small one for a sheet: map, close-up, and below them what happened."""
+    unit, caption = 1.0, 50.0
+    side = min(height - caption, width * 0.4)
+    return Layout(
+        width,
+        height,
+        map=Box(0, caption, width - side, height - caption),
+        close=Box(width - side, caption, side, height - caption),
+        panel=Box(0, 0, 0, 0),
+        caption=Box(0, 0, width, caption),
+        unit=unit,
+    )
+
+
+class Painter:
+    """Draws moments of one run; what they share is drawn once."""
+
+    def __init__(self, run: Run, layout: Layout) -> None:
+        self.run, self.layout = run, layout
+        low, high = run.area
+        box = layout.map
+        scale = min(box.width / (high[0] - low[0]), box.height / (high[1] - low[1]))
+        centre = (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2)
+        self.whole = Window(box, centre, float(scale))
+
+    def draw(self, row: int, *, title: str = "", sentence: str = "") -> Raster:
+        """The picture (height, width, 3) at a row of the run; ``sentence`` says what happened."""
+        layout, canvas = self.layout, Canvas(self.layout.width, self.layout.height)
+        canvas.image(self._ground, 0, 0)
+        x, y = self.run.scenes.estimates[row, :2]
+        close = Window(layout.close, (float(x), float(y)), layout.close.width / CLOSE)
+        for window, near in ((self.whole, False), (close, True)):
+            canvas.clip(window.box)
+            if near:
+                canvas.image(_map(self.run.scenes, window), window.box.x, window.box.y)
+            _scene(canvas, window, self.run.scenes, row, layout.unit, near)
+            _scale_bar(canvas, window, layout.unit)
+        canvas.clip(None)
+        if layout.panel.width:
+            self._panel(canvas, row)
+        self._caption(canvas, row, title, sentence)
+        return canvas.pixels()
+
+    @cached_property
+    def _ground(self) -> Raster:
+        """What stands still: the map, and the words and pale curves beside it."""
+        layout, canvas = self.layout, Canvas(self.layout.width, self.layout.height)
+        canvas.image(_map(self.run.scenes, self.whole), layout.map.x, layout.map.y)
+        if layout.panel.width:
+            self._legend(canvas)
+            for curve in self._curves:
+                curve.ground(canvas)
+        return canvas.pixels()
+
+    @cached_property
+    def _curves(self) -> tuple[Curve, ...]:
+        scenes, unit, box = self.run.scenes, self.layout.unit, self.layout.panel
+        below = (len(self._entries) + 1) * 16 * unit + 8 * unit
+        high = (box.height - below) / 2
+        places = [
+            Box(box.x + 14 * unit, box.y + below + k * high + 6 * unit, box.width - 28 * unit, high - 30 * unit)
+            for k in (1, 0)
+        ]
+        if high < 45 * unit:  # a picture as low as that has room for the map only
+            return ()
+        explained, spread = scenes.curves["explained"], scenes.curves["spread"]
+        return (
+            Curve(places[0], "share of the beams explained", scenes.times, explained, palette.EXPECTED, unit, 1.0),
+            Curve(places[1], "spread of the particles, m", scenes.times, spread, palette.ESTIMATE, unit, None),
+        )
+
+    @cached_property
+    def _entries(self) -> list[tuple[str, Colour]]:
+        return [entry for entry in LEGEND if _drawn(self.run.scenes, entry[1])]
+
+    def _caption(self, canvas: Canvas, row: int, title: str, sentence: str) -> None:
+        box, unit, run = self.layout.caption, self.layout.unit, self.run
+        clock = f"{run.scenes.times[row]:.1f} s"
+        if self.layout.panel.width:
+            at = canvas.text(14 * unit, 14 * unit, clock, 20 * unit, bold=True)
+            canvas.text(max(110 * unit, 30 * unit + at), 15 * unit, sentence, 14 * unit)
+            return
+        at = canvas.text(10, box.height - 20, f"{title}, {clock}" if title else clock, 15, bold=True)
+        for k, line in enumerate(canvas.wrapped(sentence, 11, box.width - at - 40)[:2]):
+            canvas.text(at + 24, box.height - 19 - 15 * k, line, 11)
+
+    def _panel(self, canvas: Canvas, row: int) -> None:
+        unit, run = self.layout.unit, self.run
+        told = f"seed {run.seed}, scan {run.scenes.scans[row]:,}"
+        canvas.text(self.layout.panel.x + 14 * unit, self.layout.height - 42 * unit, told, 12 * unit, GREY)
+        for curve in self._curves:
+            curve.until(canvas, row)
+
+    def _legend(self, canvas: Canvas) -> None:
+        unit, box = self.layout.unit, self.layout.panel
+        left = box.x + 14 * unit
+        canvas.text(left, self.layout.height - 24 * unit, self.run.name, 16 * unit, bold=True)
+        for k, (words, colour) in enumerate(self._entries):
+            y = box.y + (len(self._entries) - k) * 16 * unit + 4 * unit
+            canvas.fill(Box(left, y, 14 * unit, 5 * unit), colour)
+            canvas.text(left + 22 * unit, y - 2 * unit, words, 11.5 * unit)
+        y, step = box.y + 5 * unit, 14 * unit / len(palette.WEIGHT_COLOURS)
+        for k, shade in enumerate(palette.WEIGHT_COLOURS):
+            canvas.fill(Box(left + k * step, y, step + 0.5, 6 * unit), _colour(shade))
+        canvas.text(left + 22 * unit, y - 2 * unit, "particles; the darker, the heavier", 11.5 * unit)
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Values (n,) over times (n,) s in a box: all of it pale, and what has been until now in its colour.
+
+    ``top``: the highest value that the box has room for; the highest of the values if None.
+    """
+
+    box: Box
+    words: str
+    times: NDArray[np.float64]
+    values: NDArray[np.float64]
+    colour: Colour
+    unit: float
+    top: float | None
+
+    def ground(self, canvas: Canvas) -> None:
+        """What does not change."""
+        box, unit = self.box, self.unit
+        canvas.line(np.array([(box.x, box.y), (box.x + box.width, box.y)]), GREY, 0.8 * unit)
+        canvas.line(self._points, (200, 200, 200), 1.2 * unit)
+        canvas.text(box.x, box.y + box.height + 7 * unit, self.words, 11.5 * unit)
+
+    def until(self, canvas: Canvas, row: int) -> None:
+        """What has been, and the value now."""
+        box, unit, x = self.box, self.unit, self._points[row, 0]
+        canvas.line(self._points[: row + 1], self.colour, 1.8 * unit)
+        canvas.line(np.array([(x, box.y), (x, box.y + box.height)]), BLACK, 1.0 * unit)
+        now = "" if np.isnan(self.values[row]) else f"{self.values[row]:.2f}"
+        canvas.text(box.x + box.width, box.y + box.height + 7 * unit, now, 11.5 * unit, align=1.0, bold=True)
+
+    @cached_property
+    def _points(self) -> NDArray[np.float64]:
+        box, since = self.box, self.times - self.times[0]
+        top = float(np.nanmax(self.values, initial=1e-3)) if self.top is None else self.top
+        across = box.width / max(float(since[-1]), 1e-9)
+        return np.column_stack([box.x + since * across, box.y + self.values * (box.height / top)])
+
+
+def moment(run: Run, at: Moment, width: int, height: int) -> Raster:
+    """A picture (height, width, 3) of one moment."""
+    return Painter(run, full(width, height)).draw(at.row, title=at.title, sentence=at.sentence)
+
+
+def sheet(run: Run, moments: Sequence[Moment], width: int) -> Raster:
+    """Moments side by side in two columns (one if there is one), below a line that names the run."""
+    columns, gap, head = min(2, len(moments)), 8, 40
+    wide = (width - gap * (columns - 1)) // columns
+    low, high = run.area
+    aspect = float((high[1] - low[1]) / (high[0] - low[0]))
+    tall = int(np.clip(0.62 * wide * aspect, 0.3 * wide, 0.75 * wide)) + 50
+    painter = Painter(run, tile(wide, tall))
+    rows = -(-len(moments) // columns)
+    whole = np.full((head + rows * (tall + gap), width, 3), 255, np.uint8)
+    canvas = Canvas(width, head)
+    at = canvas.text(10, 13, run.name, 17, bold=True)
+    canvas.text(at + 24, 13, f"seed {run.seed}, {len(run.scenes):,} scans in {run.scenes.times[-1]:.1f} s", 13, GREY)
+    whole[:head] = canvas.pixels()
+    for k, one in enumerate(moments):
+        x, y = (k % columns) * (wide + gap), head + (k // columns) * (tall + gap)
+        whole[y : y + tall, x : x + wide] = painter.draw(one.row, title=one.title, sentence=one.sentence)
+    return whole
+
+
+def thumbnail(run: Run, row: int, width: int, height: int) -> Raster:
+    """Only the map, small, with the path until a row."""
+    layout = replace(tile(width, height), map=Box(0, 0, width, height), unit=0.8)
+    painter, canvas = Painter(run, layout), Canvas(width, height)
+    canvas.image(painter._ground, 0, 0)
+    _scene(canvas, painter.whole, run.scenes, row, layout.unit, False)
+    return canvas.pixels()
+
+
+def _scene(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: float, near: bool) -> None:
+    thin, thick, dot = (1.0, 2.0, 3.0) if near else (0.7, 1.6, 1.5)
+    thin, thick, dot = thin * unit, thick * unit, dot * unit
+    heat = scenes.heat[row]
+    for level in np.unique(heat[:, 2]).astype(int):
+        places = window.pixels(heat[heat[:, 2] == level, :2])
+        canvas.squares(places, _shade(level), max(scenes.grid.resolution * window.scale, 1.0), 0.6)
+    for k in range(len(scenes.hindsight)):
+        canvas.line(window.pixels(scenes.hindsight[k]), palette.HINDSIGHT, thick)
+    for path, colour in ((_broken(scenes.truth, row), palette.TRUTH), (_joined(scenes, row), palette.ESTIMATE)):
+        canvas.line(window.pixels(path), colour, thick, 0.8)
+    laser = window.pixels(scenes.lasers[row])
+    if near:
+        canvas.lines(laser, window.pixels(scenes.no_return[row]), palette.NO_RETURN, thin)
+    canvas.lines(laser, window.pixels(scenes.measured[row]), palette.MEASURED, thin)
+    particles, levels = scenes.particles[row], scenes.levels[row]
+    for level in np.unique(levels).astype(int):
+        chosen = particles[levels == level]
+        places, colour = window.pixels(chosen), _shade(level)
+        if near:
+            ticks = 7 * unit * np.column_stack([np.cos(chosen[:, 2]), np.sin(chosen[:, 2])])
+            canvas.lines(places, places + ticks, colour, thin)
+        canvas.dots(places, colour, dot)
+    canvas.dots(window.pixels(scenes.expected[row]), palette.EXPECTED, dot if near else 1.2 * unit)
+    for which, colour in ((scenes.hypotheses[row], palette.HYPOTHESIS), (scenes.ellipses[row], palette.ESTIMATE)):
+        for x, y, a, b, turn in which:
+            axes = (max(a * window.scale, 2 * unit), max(b * window.scale, 2 * unit))
+            canvas.ellipse(window.pixels((x, y)), axes, turn, colour, thick)
+    _robot(canvas, window, scenes.truth[row], palette.TRUTH, unit)
+    _robot(canvas, window, scenes.estimates[row], palette.ESTIMATE, unit)
+    if not near:
+        _shares(canvas, window, scenes, row, unit)
+
+
+def _robot(canvas: Canvas, window: Window, pose: NDArray[np.float64], colour: Colour, unit: float) -> None:
+    if np.isnan(pose[0]):
+        return
+    place, radius = window.pixels(pose), max(0.3 * window.scale, 6 * unit)
+    ahead = np.array([np.cos(pose[2]), np.sin(pose[2])])
+    canvas.ellipse(place, (radius, radius), 0.0, PAPER, 4 * unit)
+    canvas.ellipse(place, (radius, radius), 0.0, colour, 2.2 * unit)
+    canvas.line(np.array([place, place + 2.2 * radius * ahead]), colour, 2.2 * unit)
+
+
+def _shares(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: float) -> None:
+    taken: list[tuple[float, float]] = []
+    for (x, y, *_), label in zip(scenes.hypotheses[row], scenes.labels[row], strict=False):
+        at = window.pixels((x, y)) + 8 * unit
+        while any(abs(at[0] - a) < 34 * unit and abs(at[1] - b) < 15 * unit for a, b in taken):
+            at[1] += 15 * unit
+        taken.append((float(at[0]), float(at[1])))
+        canvas.text(at[0], at[1], label, 12 * unit, (170, 40, 110), bold=True, backed=True)
+
+
+def _scale_bar(canvas: Canvas, window: Window, unit: float) -> None:
+    wanted = 0.22 * window.size[0]
+    decade = 10 ** np.floor(np.log10(wanted))
+    metres = float(max(k * decade for k in (1, 2, 5) if k * decade <= wanted))
+    long, x, y = metres * window.scale, window.box.x + 14 * unit, window.box.y + 14 * unit
+    canvas.fill(Box(x - 5 * unit, y - 5 * unit, long + 10 * unit, 26 * unit), PAPER, 0.75)
+    canvas.fill(Box(x, y, long, 4 * unit), BLACK)
+    canvas.text(x + long / 2, y + 8 * unit, f"{metres:g} m", 11 * unit, align=0.5)
+
+
+def _map(scenes: Scenes, window: Window) -> Raster:
+    """The map's shades (h, w, 3) at the window's pixels; what is smaller than a pixel is averaged."""
+    fine = int(np.clip(np.ceil(1.0 / (scenes.grid.resolution * window.scale)), 1, 4))
+    wide, tall = round(window.box.width), round(window.box.height)
+    x = window.centre[0] + ((np.arange(wide * fine) + 0.5) / fine - wide / 2) / window.scale
+    y = window.centre[1] + ((np.arange(tall * fine) + 0.5) / fine - tall / 2) / window.scale
+    x0, y0, yaw = scenes.grid.origin
+    cos, sin = np.cos(yaw) / scenes.grid.resolution, np.sin(yaw) / scenes.grid.resolution
+    east, north = (x - x0)[None, :], (y - y0)[:, None]
+    column = np.floor(cos * east + sin * north).astype(np.int32)
+    row = np.floor(cos * north - sin * east).astype(np.int32)
+    inside = (column >= 0) & (column < scenes.grid.width) & (row >= 0) & (row < scenes.grid.height)
+    height, width = scenes.shades.shape
+    found = scenes.shades[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    shades = np.where(inside, found, palette.UNKNOWN[0]).astype(np.float32)
+    mean = shades.reshape(tall, fine, wide, fine).mean(axis=(1, 3))
+    return np.repeat(mean[::-1, :, None].astype(np.uint8), 3, axis=2)
+
+
+def _joined(scenes: Scenes, row: int) -> NDArray[np.float64]:
+    """The estimate's path until a row, with a NaN where it jumps."""
+    return np.insert(scenes.estimates[: row + 1, :2], _breaks(~scenes.joined[1 : row + 1]), np.nan, axis=0)
+
+
+def _broken(poses: NDArray[np.float64], row: int) -> NDArray[np.float64]:
+    """The truth's path until a row; it jumps where somebody carried the robot."""
+    places = poses[: row + 1, :2]
+    return np.insert(places, _breaks(np.hypot(*np.diff(places, axis=0).T) > 1.0), np.nan, axis=0)
+
+
+def _breaks(jumps: NDArray[np.bool_]) -> NDArray[np.int64]:
+    return np.flatnonzero(jumps) + 1
+
+
+def _drawn(scenes: Scenes, colour: Colour) -> bool:
+    """Whether a run has anything in this colour: what it lacks needs no explanation."""
+    if colour == palette.TRUTH:
+        return not bool(np.isnan(scenes.truth).all())
+    if colour == palette.HINDSIGHT:
+        return len(scenes.hindsight) > 0
+    return len(scenes.hypotheses.values) > 0 if colour == palette.HYPOTHESIS else True
+
+
+def _shade(level: int) -> Colour:
+    return _colour(palette.WEIGHT_COLOURS[level])
+
+
+def _colour(rgb: NDArray[np.uint8]) -> Colour:
+    red, green, blue = (int(c) for c in rgb)
+    return (red, green, blue)
