@@ -6,13 +6,14 @@ Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from pipeline import nav2_params
 from pipeline.errors import MclError
 
 PRESETS = Path(__file__).parent / "presets"
@@ -61,8 +62,12 @@ class Config(BaseModel):
     # --- which beams are used ----------------------------------------------------------------------------
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
     beam_step: int | None = Field(None, ge=1, description="Use every n-th beam instead of max_beams.")
+    laser_min_range: NonNegative = Field(
+        0.0,
+        description="Readings no longer than this say nothing, m, nor do those below the scan's own shortest range.",
+    )
     laser_max_range: Positive | None = Field(
-        None, description="Longest range that counts, m; the scan's own if not given."
+        None, description="Longest range that counts, m; the scan's own if that is shorter, or if not given."
     )
     no_return_fraction: Fraction = Field(
         1.0, description="Readings at or above this share of the maximum range count as 'no return'."
@@ -160,14 +165,28 @@ def preset_description(name: str) -> str:
     return line.removeprefix("#").strip() if line.startswith("#") else ""
 
 
-def load_config(source: str | Path | None = None, overrides: Iterable[str] = (), **flags: Any) -> Config:
+def load_config(
+    source: str | Path | None = None,
+    overrides: Iterable[str] = (),
+    *,
+    remark: Callable[[str], object] = str,
+    **flags: Any,
+) -> Config:
     """Defaults, then the preset or file ``source``, then ``key=value`` strings, then flags that are not None.
 
-    Raises MclError for an unknown key (naming the nearest one), a value out of bounds, a file that is not YAML.
+    The file may be nav2's, with AMCL's parameters: see ``nav2_params``. What of those has no meaning here is told to
+    ``remark``, a line each. Raises MclError for an unknown key (naming the nearest one), a value out of bounds, a file
+    that is not YAML.
     """
     values: dict[str, Any] = {}
+    theirs: Mapping[str, str] = {}
     if source is not None:
         values |= _read(source)
+        if nav2_params.is_nav2(values):
+            found = nav2_params.translate(values, source)
+            values, theirs = found.values, found.theirs
+            for text in found.remarks:
+                remark(text)
     typed: dict[str, Any] = {}
     for text in overrides:
         key, sep, value = text.partition("=")
@@ -176,7 +195,7 @@ def load_config(source: str | Path | None = None, overrides: Iterable[str] = (),
         typed[key.strip()] = _yaml_value(value, f"--set {text}")
     typed |= {k: v for k, v in flags.items() if v is not None}
     # What is wrong is blamed on the file only if it stands there, and nothing typed takes its place.
-    return _validate(values | typed, {key: source for key in values if key not in typed})
+    return _validate(values | typed, {key: source for key in values if key not in typed}, theirs)
 
 
 def dump_config(config: Config) -> str:
@@ -224,10 +243,12 @@ def _yaml_value(text: str, where: str) -> Any:
         raise MclError(f"{where}: the value is not YAML") from error
 
 
-def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None]) -> Config:
+def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None], theirs: Mapping[str, str]) -> Config:
+    """``file_of``: where a value stands, and ``theirs``: what it is called there, if that is another name."""
     for key in values:
         if key not in Config.model_fields:
-            near = difflib.get_close_matches(key, Config.model_fields, n=1)
+            ours = nav2_params.RENAMED.get(key, (key,))[0]
+            near = difflib.get_close_matches(ours, Config.model_fields, n=1)
             raise MclError(
                 f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=file_of.get(key)
             )
@@ -235,9 +256,9 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         return Config.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
+        file = file_of.get(str(first["loc"][0]) if first["loc"] else "")
         key = ".".join(str(p) for p in first["loc"])
+        key = theirs.get(key, key) if file is not None else key
         said = first["msg"].removeprefix("Value error, ")
         got = f", got {first['input']!r}" if key else ""
-        raise MclError(
-            f"{key}: {said}{got}" if key else said, path=file_of.get(str(first["loc"][0]) if key else "")
-        ) from error
+        raise MclError(f"{key}: {said}{got}" if key else said, path=file) from error

@@ -67,13 +67,15 @@ def localize(
         raise MclError("the log has no map", "give one with --map", path=log.path)
     if len(log) == 0:
         raise MclError("the log has no scans", path=log.path)
+    grid, log = log.grid, log.without_short(config.laser_min_range)
+    config = config.model_copy(update={"laser_max_range": log.laser.longest(config.laser_max_range)})
     # Imported here: numba takes longer to load than a short log to localize, and --help must not wait for it.
     from pipeline.filter.particle_filter import ParticleFilter
     from pipeline.kernels.threads import use_threads
 
     clock = _Clock()
     with use_threads(threads):
-        mcl = ParticleFilter(log.grid, log.laser, config, seed)
+        mcl = ParticleFilter(grid, log.laser, config, seed)
         clock.lap("start")
         steps = _Columns(len(log))
         for scan in progress(log.scans()):

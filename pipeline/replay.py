@@ -201,7 +201,7 @@ def _sensor_model(log: Log, config: Config) -> Density:
     """The beam model at a wall 5 m away, or at half of a range that ends before 10 m."""
     from pipeline.filter.beam_model import mixture_density
 
-    longest = config.laser_max_range or log.laser.range_max
+    longest = log.laser.longest(config.laser_max_range)
     wall = min(5.0, longest / 2)
     z = np.linspace(0.0, 2 * wall, 201)
     return z, mixture_density(z, wall, config, longest), wall

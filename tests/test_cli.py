@@ -92,7 +92,7 @@ def test_config_lists_the_presets(typed):
     ],
 )
 def test_what_a_user_can_mend_is_one_line(typed, monkeypatch: pytest.MonkeyPatch, error: Exception, said: str):
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr("pipeline.config.load_config", fail)
@@ -101,7 +101,7 @@ def test_what_a_user_can_mend_is_one_line(typed, monkeypatch: pytest.MonkeyPatch
 
 
 def test_our_own_mistakes_are_not_hidden(typed, monkeypatch: pytest.MonkeyPatch):
-    def fail(*_: object) -> None:
+    def fail(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
     monkeypatch.setattr("pipeline.config.load_config", fail)
@@ -109,7 +109,7 @@ def test_our_own_mistakes_are_not_hidden(typed, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_ctrl_c_is_exit_code_130(typed, monkeypatch: pytest.MonkeyPatch):
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("pipeline.config.load_config", interrupt)

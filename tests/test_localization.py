@@ -127,3 +127,18 @@ def test_no_map(short: Log) -> None:
 def test_no_scans(short: Log) -> None:
     with pytest.raises(MclError, match="no scans"):
         localize(shortened(short, 0), config(short))
+
+
+def test_readings_up_to_the_shortest_range_say_nothing(short: Log) -> None:
+    least = float(np.nanquantile(short.ranges[np.isfinite(short.ranges)], 0.3))
+    cut = dataclasses.replace(short, ranges=np.where(short.ranges <= np.float32(least), np.nan, short.ranges))
+    limited = localize(short, config(short, laser_min_range=least))
+    np.testing.assert_array_equal(limited.poses, localize(cut, config(short)).poses)
+    assert not np.array_equal(limited.poses, localize(short, config(short)).poses)
+
+
+def test_no_range_is_longer_than_the_lasers_own(short: Log) -> None:
+    """As in AMCL, whose own default is 100 m for any laser."""
+    own = localize(short, config(short)).poses
+    np.testing.assert_array_equal(localize(short, config(short, laser_max_range=1000.0)).poses, own)
+    assert not np.array_equal(localize(short, config(short, laser_max_range=5.0)).poses, own)

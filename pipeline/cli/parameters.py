@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,7 +23,12 @@ MapOption = Annotated[
 ]
 ConfigOption = Annotated[
     str | None,
-    typer.Option("--config", "-c", metavar="NAME|FILE", help="A preset's name or a YAML file; see `mcl config`."),
+    typer.Option(
+        "--config",
+        "-c",
+        metavar="NAME|FILE",
+        help="A preset's name, a YAML file or nav2_params.yaml; see `mcl config`.",
+    ),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -84,11 +90,17 @@ def effective_config(source: str | None, settings: list[str] | None, particles: 
     flags["max_particles"] = particles
     if "min_particles" in Config.model_fields:
         flags["min_particles"] = particles
-    return load_config(source, settings or (), **flags)
+    return load_config(source, settings or (), remark=_note_once, **flags)
+
+
+@cache
+def _note_once(text: str) -> None:
+    """A remark on a file is the same however often its values are varied."""
+    console.note(f"note: {text}")
 
 
 def config(
-    source: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset or a YAML file.")] = None,
+    source: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, or a YAML file.")] = None,
     settings: SetOption = None,
     presets: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
 ) -> None:
@@ -101,7 +113,7 @@ def config(
             console.result(f"{name:<{width}}  {preset_description(name)}".rstrip())
         return
     lines = []
-    for line in dump_config(load_config(source, settings or ())).splitlines():
+    for line in dump_config(load_config(source, settings or (), remark=_note_once)).splitlines():
         field = Config.model_fields.get(line.partition(":")[0])
         if field is not None and field.description:
             lines.append(f"\n# {field.description}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,10 @@ class Laser:
     def angles(self) -> NDArray[np.float64]:
         """Direction of every beam in the laser frame, radians, (beams,)."""
         return self.angle_min + self.angle_increment * np.arange(self.beams, dtype=np.float64)
+
+    def longest(self, limit: float | None) -> float:
+        """The longest range that counts, m: the laser's own, or ``limit`` where that is less."""
+        return self.range_max if limit is None else min(limit, self.range_max)
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,12 @@ class Log:
     def duration(self) -> float:
         """Seconds from the first scan to the last."""
         return float(self.stamps[-1] - self.stamps[0]) / 1e9
+
+    def without_short(self, limit: float) -> Log:
+        """The same log in which readings of at most ``limit`` metres are invalid."""
+        if limit <= 0.0:
+            return self
+        return replace(self, ranges=np.where(self.ranges <= np.float32(limit), np.float32(np.nan), self.ranges))
 
     def scans(self) -> Iterator[Scan]:
         """The scans in the order of their stamps."""

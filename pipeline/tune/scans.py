@@ -61,7 +61,7 @@ def readings(log: Log, poses: Array, scans: NDArray[np.int64], config: Config) -
     """The scans' beams and their exact true ranges (Amanatides and Woo) from poses (len(scans), 3) of the map frame."""
     assert log.grid is not None
     beams = select_beams(log.laser, config)
-    max_range = config.laser_max_range or log.laser.range_max
+    max_range = log.laser.longest(config.laser_max_range)
     cell = log.grid.resolution
     laser = compose(log.grid.to_grid(poses), log.laser.pose)
     in_cells = np.ascontiguousarray(laser / [cell, cell, 1.0])
@@ -69,7 +69,7 @@ def readings(log: Log, poses: Array, scans: NDArray[np.int64], config: Config) -
     opaque = opaque_cells(log.grid, config.occupied_threshold)
     longest = range_codes(log.grid, max_range).max_range  # as the filter's own table has it
     raycast.cast(opaque, in_cells, log.laser.angles[beams], longest / cell, False, expected)
-    measured = log.ranges[np.ix_(scans, beams)].astype(float)
+    measured = log.without_short(config.laser_min_range).ranges[np.ix_(scans, beams)].astype(float)
     measured[measured >= config.no_return_fraction * max_range] = np.inf
     return Readings(measured, expected.astype(float) * cell, max_range)
 

@@ -1,0 +1,85 @@
+"""docs/parameters.md says of every parameter what the program says, and of every one of AMCL's what becomes of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ruamel.yaml import YAML
+
+from pipeline import nav2_params
+from pipeline.config import Config
+
+PAGE = (Path(__file__).resolve().parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
+OURS, _, AMCLS = PAGE.partition("## AMCL's parameter files")
+SCHEMA = Config.model_json_schema()["properties"]
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:3] == "| `"]
+    return {row[0].strip("`"): row for row in cells}
+
+
+def kind(schema: dict[str, Any]) -> str:
+    if "anyOf" in schema:
+        return f"{kind(schema['anyOf'][0])} or null"
+    if "enum" in schema:
+        return "choice"
+    return {"boolean": "yes or no", "array": "3 numbers"}.get(schema["type"], schema["type"])
+
+
+def bounds(schema: dict[str, Any]) -> str:
+    one = schema["anyOf"][0] if "anyOf" in schema else schema
+    if "enum" in one:
+        return ", ".join(one["enum"])
+    if one["type"] == "array":
+        one = one["prefixItems"][0]
+    least, most = one.get("minimum"), one.get("maximum")
+    if most is not None:
+        return f"{least:g} to {most:.0f}"
+    if least is not None:
+        return f">= {least:g}"
+    return f"> {one['exclusiveMinimum']:g}" if "exclusiveMinimum" in one else "-"
+
+
+def test_every_parameter_has_its_row_in_the_order_that_tells_the_story() -> None:
+    assert list(rows(OURS)) == list(Config.model_fields)
+
+
+@pytest.mark.parametrize("name", Config.model_fields)
+def test_a_row_says_what_the_program_says(name: str) -> None:
+    _, said_kind, unit, said_bounds, default, meaning = rows(OURS)[name]
+    assert said_kind == kind(SCHEMA[name])
+    assert said_bounds == bounds(SCHEMA[name])
+    value = YAML(typ="safe").load(default)
+    assert value == (list(d) if isinstance(d := Config.model_fields[name].default, tuple) else d)
+    description = str(Config.model_fields[name].description)
+    for told in ("m", "rad", "1/m", "rad^2/rad^2", "rad^2/m^2", "m^2/m^2", "m^2/rad^2"):
+        if description.endswith(f", {told}."):
+            assert unit == told
+    assert meaning.endswith(".")
+
+
+def test_every_parameter_of_amcl_has_its_row() -> None:
+    known = {*nav2_params.SAME, *nav2_params.RENAMED, *nav2_params.TRANSLATED, *nav2_params.OF_THE_NODE}
+    assert list(rows(AMCLS)) == sorted(known)
+
+
+@pytest.mark.parametrize("name", rows(AMCLS))
+def test_a_row_says_what_becomes_of_it(name: str) -> None:
+    _, default, here, said = rows(AMCLS)[name]
+    word = re.split(r"[:;]", said)[0]
+    if name in nav2_params.OF_THE_NODE:
+        assert (here, word) == ("-", "absent")
+        return
+    renamed = {theirs: default for theirs, (_, default) in nav2_params.RENAMED.items()}
+    assert YAML(typ="safe").load(default) == {**nav2_params.SAME, **nav2_params.TRANSLATED, **renamed}[name]
+    assert word in ("same", "different")
+    ours = here.strip("`")
+    assert ours in Config.model_fields or (here, name) == ("-", "robot_model_type")
+    if name in nav2_params.SAME:
+        assert ours == name
+    if name in nav2_params.RENAMED:
+        assert ours == nav2_params.RENAMED[name][0]
