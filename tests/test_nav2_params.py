@@ -96,7 +96,8 @@ def test_nav2s_own_file_is_taken_as_it_is(read) -> None:
     assert (config.z_hit, config.z_short, config.z_max, config.z_rand) == (0.5, 0.05, 0.05, 0.5)
     assert config.laser_model_type == "likelihood_field_cubes"
     assert (config.laser_min_range, config.laser_max_range) == (0.0, 100.0)
-    assert (config.recovery, config.resample_ess, config.range_bias) == ("none", 1.0, 0.0)
+    assert (config.recovery, config.resample_ess) == ("none", 1.0)
+    assert (config.range_bias, config.slip) == (0.0, 0.0)
 
 
 def test_what_a_file_leaves_out_has_amcls_default(read) -> None:
