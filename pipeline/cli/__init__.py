@@ -17,6 +17,7 @@ from pipeline.cli.exporting import export
 from pipeline.cli.logs import convert, simulate
 from pipeline.cli.parameters import config
 from pipeline.cli.runs import demo, inspect, localize
+from pipeline.cli.sharing import share
 from pipeline.cli.tuning import tune
 from pipeline.errors import MclError
 
@@ -55,7 +56,7 @@ app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, convert, localize, inspect, evaluate, tune, simulate, export, config, bench):
+for command in (demo, convert, localize, inspect, evaluate, tune, simulate, export, share, config, bench):
     app.command()(command)
 
 

@@ -122,6 +122,8 @@ BAD_INPUT = {
     "export letter.txt -o new.png": r"letter\.txt: not a rerun recording",
     "export run.rrd -o letter.txt": r"letter\.txt: .*suffix.*\.parquet",
     "export run.rrd -o new.png --at 1000": r"1000 s .*from 0 s to",
+    "share nosuch -o new.html": r"nosuch: no such recording",
+    "share run.rrd -o letter.txt": r"letter\.txt: .*\.html",
     "evaluate nosuch.mcap": r"nosuch\.mcap: no such file",
     "evaluate office.mcap --reference two.tum": r"two\.tum:2: ",
     "evaluate office.mcap office.mcap --reference nosuch.tum": r"nosuch\.tum: no such file",
