@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from pipeline.config import Config
+from pipeline.config import Config, dump_config
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
 from pipeline.evaluate.runs import kidnapped_in
@@ -21,8 +21,12 @@ from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.recording.run_folder import RunFolder
+from pipeline.recording.sampling import draw
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from pipeline.logs.result import ResultFile
     from pipeline.recording.rerun_sink import Density, RerunSink
 
 HINDSIGHT = "trajectory_hindsight.tum"
@@ -102,9 +106,11 @@ def replay(
     record: bool = True,
     progress: Progress | None = None,
     given: Sequence[str] = (),
+    mcap: Path | None = None,
 ) -> Replay:
     """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures.
 
+    ``mcap``: a file to write as well, the result beside the log's messages; a run that is stopped leaves none.
     ``given``: options of `mcl localize` by which the log was read, to be repeated by whoever repeats the run.
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
     is to blame (MclError), or no scan was recorded, nothing can be learnt from it, and the folder is removed.
@@ -123,8 +129,10 @@ def replay(
                 recordings = [
                     stack.enter_context(RerunSink(folder.recording, log=log, config=config, seed=seed, density=density))
                 ]
-            watched = _watched(log, progress)
             sinks: list[Sink] = [*recordings, recorded] if record else []
+            if mcap is not None:
+                sinks.append(_Published(stack.enter_context(_result_file(mcap, log, config, seed)), config, seed))
+            watched = _watched(log, progress)
             result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched)
             done = time.perf_counter()
             for recording in recordings:
@@ -145,6 +153,26 @@ def replay(
 def _how_to_repeat(log: Log, folder: RunFolder, seed: int, given: Sequence[str]) -> list[str]:
     command = ["mcl", "localize", str(log.path), *given, "--config", str(folder.config), "--seed", str(seed)]
     return [f"{log.name}, seed {seed}. The same run again:", f"  {shlex.join(command)}", ""]
+
+
+def _result_file(path: Path, log: Log, config: Config, seed: int) -> ResultFile:
+    from pipeline.logs.result import ResultFile
+
+    return ResultFile(path, log, {"seed": str(seed), "config": dump_config(config)})
+
+
+class _Published:
+    """Writes every step into an .mcap, with the particles that a recording would show."""
+
+    def __init__(self, file: ResultFile, config: Config, seed: int) -> None:
+        self._file, self._at_most, self._seed = file, config.record_particles, seed
+
+    def log(self, step: Step) -> None:
+        drawn = draw(len(step.particles), self._at_most, self._seed, step.index)
+        weights = np.exp(step.log_weights[drawn])
+        shares = weights / weights.sum() if len(drawn) else weights
+        estimate = step.estimate
+        self._file.write(step.index, estimate.pose, estimate.covariance, step.particles[drawn], shares)
 
 
 class _Count:

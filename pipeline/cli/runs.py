@@ -30,6 +30,7 @@ from pipeline.cli.parameters import (
     named,
     open_log,
 )
+from pipeline.errors import MclError
 
 if TYPE_CHECKING:
     from pipeline.config import Config
@@ -46,7 +47,7 @@ among people, and 0.08 to 0.53 on the map of another building.
 """
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
-_NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "as_json")
+_NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "mcap", "as_json")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
 ThreadsOption = Annotated[
@@ -91,10 +92,17 @@ def localize(
         typer.Option("--output", "-o", metavar="DIR", help="The run's folder; recordings/LOG/TIME if not given."),
     ] = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Write a recording.")] = True,
+    mcap: Annotated[
+        Path | None,
+        typer.Option("--output-mcap", metavar="OUT.mcap", help="Also the result, for RViz, Foxglove and nav2's tools."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the robot: recording, trajectory, and what came out."""
     from pipeline.recording.run_folder import create
+
+    if mcap is not None and mcap.exists():
+        raise MclError("this file exists already", "results are never overwritten", path=mcap)
 
     start = _pose(pose)
     if start is not None and init not in (None, "pose"):
@@ -103,11 +111,14 @@ def localize(
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     opened = open_log(log, map_path, names)
     folder, given = create(opened.name, output), _given(context)
-    run = _run(opened, effective, folder, seed=seed, threads=threads, record=record, given=given)
+    run = _run(opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap)
     if as_json:
-        console.emit_json({"folder": str(run.folder.path), **run.to_dict()})
+        written = {} if mcap is None else {"mcap": str(mcap)}
+        console.emit_json({"folder": str(run.folder.path), **written, **run.to_dict()})
         return
     _report(run, map_path)
+    if mcap is not None:
+        console.result(str(mcap))
     console.result(str(run.folder.path))
 
 
@@ -195,6 +206,7 @@ def _run(
     threads: int | None,
     record: bool = True,
     given: Sequence[str] = (),
+    mcap: Path | None = None,
 ) -> Replay:
     with _fresh(folder):
         # Loading these takes a while, in which somebody may think better of it.
@@ -204,7 +216,15 @@ def _run(
         if not compiled():
             console.note("the first run compiles its loops: about half a minute, once")
         return replay(
-            log, config, folder, seed=seed, threads=threads, record=record, progress=console.progress, given=given
+            log,
+            config,
+            folder,
+            seed=seed,
+            threads=threads,
+            record=record,
+            progress=console.progress,
+            given=given,
+            mcap=mcap,
         )
 
 

@@ -23,6 +23,7 @@ _HEADER: Final[Fields] = (("sec", "<i4"), ("nanosec", "<u4"), ("frame_id", STRIN
 _POSE: Final[Fields] = (("position", "3<f8"), ("orientation", "4<f8"))
 
 POSE_STAMPED: Final[Fields] = (*_HEADER, *_POSE)
+POSE_WITH_COVARIANCE: Final[Fields] = (*_HEADER, *_POSE, ("covariance", "36<f8"))
 ODOMETRY: Final[Fields] = (
     *_HEADER,
     ("child_frame_id", STRING),
@@ -112,6 +113,29 @@ def set_stamps(rows: Rows, stamps: NDArray[np.int64]) -> None:
     rows["sec"], rows["nanosec"] = np.divmod(stamps, 1_000_000_000)
 
 
+def pack_sequence(stamp: int, frame: str, items: NDArray[np.float64]) -> bytes:
+    """A header and a sequence of items that are so many doubles each, (n, doubles): a PoseArray, for one."""
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    name = frame.encode() + b"\0"
+    head = struct.pack("<IiII", _LITTLE_ENDIAN, seconds, nanoseconds, len(name)) + name
+    head = head.ljust(_aligned(len(head), 4), b"\0") + struct.pack("<I", len(items))
+    if not len(items):
+        return head
+    return head.ljust(_aligned(len(head), 8), b"\0") + np.ascontiguousarray(items, "<f8").tobytes()
+
+
+def stamp_of(message: bytes) -> int:
+    """The stamp of any message that begins with a header, nanoseconds."""
+    seconds, nanoseconds = struct.unpack_from(_byte_order(message) + "iI", message, _START)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+
+
+def frame_of(message: bytes) -> str:
+    """The frame of any message that begins with a header."""
+    (length,) = struct.unpack_from(_byte_order(message) + "I", message, _START + 8)
+    return message[_START + 12 : _START + 12 + length].rstrip(b"\0").decode()
+
+
 def stamps_of(rows: Rows) -> NDArray[np.int64]:
     """The headers' stamps, nanoseconds."""
     return rows["sec"].astype(np.int64) * 1_000_000_000 + rows["nanosec"]
@@ -141,6 +165,10 @@ def _place(
         offsets.append(end)
         end += dtype.itemsize
     return names, formats, offsets, end
+
+
+def _byte_order(message: bytes) -> str:
+    return "<" if message[1] & 1 else ">"
 
 
 def _aligned(offset: int, size: int) -> int:

@@ -172,7 +172,7 @@ def _frame(name: str) -> str:
 
 
 def _deserialize(messages: Messages) -> list[Any]:
-    store, kind = _typestore(), messages.topic.type
+    store, kind = typestore(), messages.topic.type
     try:
         return [store.deserialize_cdr(data, kind) for data in messages.data]
     except Exception as error:  # rosbags raises whatever its generated code stumbles over
@@ -181,7 +181,8 @@ def _deserialize(messages: Messages) -> list[Any]:
 
 
 @cache
-def _typestore() -> Any:
+def typestore() -> Any:
+    """The message types of ROS 2, by which rosbags reads and writes single messages."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_JAZZY)

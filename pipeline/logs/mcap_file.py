@@ -50,6 +50,10 @@ class McapFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
         self._file.close()
 
     def messages(self, names: Collection[str]) -> dict[str, Messages]:
@@ -77,6 +81,18 @@ class McapFile:
             result[name] = Messages(self.topics[name], stamps, numbers, data)
         check_complete(self.path, self.topics, names, result)
         return result
+
+    def everything(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Every message in the order of log times: its schema record (or None), channel record and message record."""
+        with self._damage():
+            for schema, channel, message in self._reader().iter_messages(log_time_order=True):
+                message.data = _unpacked(message.data)
+                yield schema, channel, message
+
+    def attachments(self) -> Iterator[Any]:
+        """The attachment records."""
+        with self._damage():
+            yield from self._reader().iter_attachments()
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records by name."""

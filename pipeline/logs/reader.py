@@ -50,7 +50,7 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     laser, ranges = _right_way_up(scans, drive.laser_in_base, path)
     order = np.argsort(scans.stamps, kind="stable")
     stamps, sequences, ranges = scans.stamps[order], scans.sequences[order], ranges[order]
-    poses, inside = _odometry_at(stamps, sequences, drive.odometry)
+    poses, inside = odometry_at(stamps, sequences, drive.odometry)
     if not inside.any():
         raise MclError(
             f"no scan lies within the odometry's time span: scans {_span(stamps)}, "
@@ -118,7 +118,7 @@ def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> N
         return np.where((ranges <= 0) | (ranges < low), np.float32(np.nan), ranges)
 
 
-def _odometry_at(
+def odometry_at(
     stamps: NDArray[np.int64], sequences: NDArray[np.int64], odometry: PoseColumns
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Poses (n, 3) at the scans' stamps, and which of the scans lie within the odometry's span."""

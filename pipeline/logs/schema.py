@@ -15,6 +15,15 @@ topic           type                          what it says
 /laser_pose     geometry_msgs/PoseStamped     the laser in ``odom``, where the source says it of its own
 /ground_truth   geometry_msgs/PoseStamped     base_link in ``map``, where known
 ==============  ============================  =================================================================
+
+What a run found may be written beside what it was found from (``result``), as nav2's AMCL publishes it:
+
+===============  =======================================  =====================================================
+/amcl_pose       geometry_msgs/PoseWithCovarianceStamped  base_link in ``map``, at every scan's stamp (latched)
+/particle_cloud  nav2_msgs/ParticleCloud                  particles with their weights
+/particlecloud   geometry_msgs/PoseArray                  the same poses, for viewers that know no nav2_msgs
+/tf              tf2_msgs/TFMessage                       ``map`` -> ``odom``, beside what else is there
+===============  =======================================  =====================================================
 """
 
 from __future__ import annotations
@@ -48,7 +57,24 @@ TYPES: Final = {
     LASER_POSE: POSE_TYPE,
     GROUND_TRUTH: POSE_TYPE,
 }
-LATCHED: Final = frozenset({MAP, TF_STATIC})
+
+AMCL_POSE: Final = "/amcl_pose"
+PARTICLE_CLOUD: Final = "/particle_cloud"
+POSE_ARRAY: Final = "/particlecloud"
+RESULT_TYPES: Final = {
+    AMCL_POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
+    PARTICLE_CLOUD: "nav2_msgs/msg/ParticleCloud",
+    POSE_ARRAY: "geometry_msgs/msg/PoseArray",
+}
+RECORDED: Final = "/recorded"  # below it is what the input had under a result's name
+
+NAV2_MSGS: Final = {
+    "nav2_msgs/msg/Particle": "geometry_msgs/Pose pose\nfloat64 weight\n",
+    "nav2_msgs/msg/ParticleCloud": "std_msgs/Header header\nnav2_msgs/Particle[] particles\n",
+}
+"""Definitions that ROS's own packages lack, and so any reader's store of them: they travel in the file."""
+
+LATCHED: Final = frozenset({MAP, TF_STATIC, AMCL_POSE})
 
 MAP_FRAME: Final = "map"
 ODOM_FRAME: Final = "odom"
@@ -59,6 +85,7 @@ LASER_FRAME: Final = "laser"
 SOURCE: Final = "mcl:source"  # format, files, checksums, converter, counts, laser offset, what was left out
 SEGMENTS: Final = "mcl:segments"  # how stamps and odometry of the source were re-expressed: JSON per stretch
 MAP_SOURCE: Final = "mcl:map"  # format, file and checksum of the map, and its header where it has one
+RESULT: Final = "mcl:result"  # of a result: version, seed, and the configuration as YAML
 READER: Final = "reader"  # not in the file: what the reader chose and left out, in Log.metadata
 
 # Attachments.

@@ -43,7 +43,7 @@ def write_log(
     """
     start = int(min(scans.stamps.min(), odometry.stamps.min()))
     topics = {
-        schema.MAP: _map_message(grid, start),
+        schema.MAP: None if grid is None else map_message(grid, start),
         schema.TF_STATIC: _static_message(scans.frame, odometry.child_frame, laser_pose, start),
         schema.ODOMETRY: _odometry_messages(odometry),
         schema.TF: _transform_messages(odometry),
@@ -114,7 +114,7 @@ def _write(
             continue
         kind = schema.TYPES[topic]
         if kind not in schemas:
-            schemas[kind] = writer.register_schema(kind, schema.SCHEMA_ENCODING, _definition(kind))
+            schemas[kind] = writer.register_schema(kind, schema.SCHEMA_ENCODING, definition(kind))
         qos = {"offered_qos_profiles": schema.qos_profile(topic)}
         channel = writer.register_channel(topic, schema.MESSAGE_ENCODING, schemas[kind], qos)
         stamps, sequences, data = messages
@@ -129,11 +129,15 @@ def _write(
     writer.finish()
 
 
-def _definition(kind: str) -> bytes:
-    from rosbags.typesys import Stores, get_typestore
+def definition(kind: str) -> bytes:
+    """The text of a message type with all that it is made of, as ``ros2msg``."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    definition: str = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(kind, ros_version=2)[0]
-    return definition.encode()
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, own in schema.NAV2_MSGS.items() if kind in schema.NAV2_MSGS else ():
+        store.register(get_types_from_msg(own, name))
+    text: str = store.generate_msgdef(kind, ros_version=2)[0]
+    return text.encode()
 
 
 def _odometry_messages(odometry: PoseColumns) -> Messages:
@@ -188,9 +192,8 @@ def _scan_messages(scans: ScanColumns) -> Messages:
     return scans.stamps, scans.sequences, cdr.pack(rows)
 
 
-def _map_message(grid: OccupancyGrid | None, stamp: int) -> Messages | None:
-    if grid is None:
-        return None
+def map_message(grid: OccupancyGrid, stamp: int) -> Messages:
+    """The map as one OccupancyGrid: stamps, sequences and bytes of the only message."""
     rows = cdr.blank(1, cdr.OCCUPANCY_GRID, {"data": grid.occupancy.size}, frame_id=schema.MAP_FRAME)
     cdr.set_stamps(rows, np.array([stamp]))
     x, y, yaw = grid.origin

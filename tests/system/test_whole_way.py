@@ -172,6 +172,19 @@ def test_a_limit_is_asked_of_every_variant(mcl: Command, journey: Journey) -> No
     ]
 
 
+def test_a_result_for_ros_is_written_beside_the_folder(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+    out, folder = tmp_path / "out.mcap", tmp_path / "run"
+    done = mcl("localize", journey.log, *FEW, "--no-record", "--output-mcap", out, "-o", folder)
+    assert done.stdout.splitlines() == [str(out), str(folder)]
+    assert "output-mcap" not in (folder / "config.yaml").read_text()  # it is no part of the run
+    again = mcl("localize", journey.log, *FEW, "--output-mcap", out, "-o", tmp_path / "other", code=1)
+    assert again.stderr == f"error: {out}: this file exists already (results are never overwritten)\n"
+    assert not (tmp_path / "other").exists()
+    third = mcl("localize", out, *FEW, "--no-record", "-o", tmp_path / "third", "--json")  # a log like any other
+    assert json.loads(third.stdout)["folder"] == str(tmp_path / "third")
+    assert (tmp_path / "third" / "trajectory.tum").read_bytes() == (folder / "trajectory.tum").read_bytes()
+
+
 def test_a_requested_limit_that_fails_is_exit_code_3(mcl: Command, journey: Journey) -> None:
     lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", *FEW)
     done = mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0.95", code=3)
