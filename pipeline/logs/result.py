@@ -129,7 +129,7 @@ class ResultFile:
             self._map = cdr.frame_of(source.messages([topic_of_map])[topic_of_map].data[-1]) or self._map
 
     def _copy_until(self, time: float) -> None:
-        """Passes the input's messages on that were logged up to then; before the first of them the map, if it is new."""
+        """Passes the input's messages on that were logged up to then, and before the first the map, if it is new."""
         if self._map_due and self._log.grid is not None and self._next is not None:
             stamp, self._map_due = int(self._log.stamps[0]), False
             (data,) = map_message(self._log.grid, stamp)[2]
