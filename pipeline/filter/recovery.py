@@ -107,7 +107,7 @@ class Recovery:
         self.rivals.follow(motion, reading, scan.index)
         if self._doubtful(scan):
             key = stream_key(self._seed, scan.index, STREAM)
-            self._add(self._sensor.search(reading, DRAWS, key).poses, self._place(belief)[None], scan)
+            self._add(self._sensor.search(reading, DRAWS, key, coarse=True).poses, self._place(belief)[None], scan)
         if not len(self.rivals):
             return None
         self._hear(belief, reading, scan)

@@ -16,6 +16,8 @@ from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import HEADINGS
 
+COARSE = 0.2
+"""Metres between the cells that a coarse search asks: the laser's own noise is hardly finer."""
 SEARCH_BEAMS = 24
 """Beams that a search uses: more would cost in proportion and tell little that is new."""
 
@@ -48,13 +50,16 @@ class Search:
         col, row = np.floor(0.5 + to_robot).astype(np.int64).T
         self._place = (np.ascontiguousarray(col), np.ascontiguousarray(row), self._allowed)
         self._rows = exhaustive.standing_rows(self._table.cells, *self._place)
+        apart = max(1, round(COARSE / grid.resolution))
+        row, col = np.divmod(self._table.cells[self._rows], grid.width)
+        self._coarse_rows = self._rows[(row % apart == 0) & (col % apart == 0)]
         if len(self._rows) == 0:
             raise MclError("the map has no free cell in which the robot and its laser fit", "raise free_threshold")
 
     def __call__(
-        self, log_likelihood: NDArray[np.float32], independent_beams: float | None, n: int, key: np.uint64
+        self, log_likelihood: NDArray[np.float32], independent_beams: float | None, n: int, key: np.uint64, coarse: bool
     ) -> Posterior:
-        """n poses drawn from the tempered posterior of one scan.
+        """n poses drawn from the tempered posterior of one scan; ``coarse``: not every cell is asked.
 
         ``log_likelihood`` (k, 256) float32 is thinned to SEARCH_BEAMS of the beams that say something.
         """
@@ -63,7 +68,8 @@ class Search:
         temper = 1.0 if independent_beams is None else min(1.0, independent_beams / max(1, len(used)))
         beams = (self._expected.offsets[used], np.ascontiguousarray(log_likelihood[used]), np.float32(temper))
         table = (self._table.cells, self._expected.rows)
-        rows, work = self._rows, HEADINGS * len(used)
+        rows = self._coarse_rows if coarse and len(self._coarse_rows) else self._rows
+        work = HEADINGS * len(used)
         best, log_mass = np.empty(len(rows), np.float32), np.empty(len(rows), np.float32)
         exhaustive.cell_masses(len(rows) * work, rows, *table, *beams, *self._place, best, log_mass)
         mass = np.exp(log_mass.astype(np.float64) - float(log_mass.max()))

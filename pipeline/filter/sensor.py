@@ -82,10 +82,11 @@ class Sensor:
         else:
             self._expected.score(poses, reading.rows, reading.outside, out)
 
-    def search(self, reading: Reading, n: int, key: np.uint64) -> Posterior:
-        """n poses drawn from what this scan alone says of the whole building, by the beam model."""
+    def search(self, reading: Reading, n: int, key: np.uint64, coarse: bool = False) -> Posterior:
+        """n poses drawn from what this scan alone says of the whole building, by the beam model; ``coarse``: asking
+        every 0.2 m only, which is enough to know where to look."""
         assert self._search is not None, "neither init nor recovery asks for a search"
-        self._searched = self._search(reading.rows, self._config.independent_beams, n, key)
+        self._searched = self._search(reading.rows, self._config.independent_beams, n, key, coarse)
         return self._searched
 
     def heat(self) -> NDArray[np.float32] | None:
