@@ -9,6 +9,8 @@ from scipy.special import ndtr
 from pipeline.config import Config
 from pipeline.maps.range_table import RangeCodes
 
+Array = NDArray[np.float64]
+
 MEASURED_BINS = 4096
 """Measured ranges are told apart to max_range / 4096: 2 cm for a laser that sees 82 m."""
 
@@ -36,6 +38,45 @@ def mixture_density(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: 
     return config.z_hit * p_hit + config.z_short * p_short + config.z_long * p_long + config.z_rand * p_rand
 
 
+def step_density(z: Array, low: Array, high: Array, config: Config, max_range: float) -> Array:
+    """Mean of ``mixture_density`` over true ranges from ``low`` to ``high``: readings (n,) and steps (m,) -> (n, m).
+
+    Where only the step of z* is known, a density at its middle would be too sure of itself: a hit at the step's end may
+    be many sigmas away from there. Integrated exactly, but for the normalizers of hits and of long readings, which are
+    taken at the middle. An infinite step is that of the rays that nothing ends.
+    """
+    z = z[:, None]
+    finite = np.isfinite(high)
+    density = np.full((len(z), len(high)), config.z_rand / max_range)
+    # A ray that nothing ends may be cut short anywhere up to max_range.
+    ends = mixture_density(z, np.inf, config.model_copy(update={"z_rand": 0.0}), max_range)
+    density[:, ~finite] += ends
+    low, high = low[finite], high[finite]
+    width, middle, mean = high - low, (low + high) / 2, np.zeros((len(z), len(low)))
+    if config.z_hit:
+        sigma = config.sigma_hit
+        inside = np.maximum(ndtr((max_range - middle) / sigma) - ndtr(-middle / sigma), 1e-9)
+        # From the nearer tail, so that far away the difference of two tails is not one of two ones.
+        tail_low, tail_high = ndtr(-np.abs(z - low) / sigma), ndtr(-np.abs(z - high) / sigma)
+        within = (z >= low) & (z <= high)
+        between = np.where(within, 1.0 - tail_low - tail_high, np.abs(tail_low - tail_high))
+        mean += between * (config.z_hit / (inside * width))
+    if config.z_short:
+        rate = config.lambda_short
+        # The integral of 1 / (1 - exp(-rate s)), over the part of the step that lies beyond z.
+        with np.errstate(divide="ignore"):
+            up_to = [s + np.log(-np.expm1(-rate * s)) / rate for s in (np.maximum(z, 1e-9), low, high)]
+        beyond = np.maximum(up_to[2] - np.maximum(up_to[0], up_to[1]), 0.0)
+        mean += beyond * (config.z_short * rate * np.exp(-rate * z) / width)
+    if config.z_long:
+        far = config.lambda_long
+        inside = np.maximum(-np.expm1(-far * (max_range - middle)), 1e-9)
+        passed = 1.0 - np.exp(-far * np.clip(z - low, 0.0, width))
+        mean += np.exp(-far * np.maximum(z - high, 0.0)) * passed * (config.z_long / (inside * width))
+    density[:, finite] += mean
+    return density
+
+
 def no_return_mass(z_star: ArrayLike, config: Config) -> NDArray[np.float64]:
     """Probability of a reading without return: z_max; where the map ends no ray, also z_hit and z_long."""
     z_star = np.asarray(z_star, float)
@@ -52,7 +93,7 @@ class BeamModel:
         self.no_return = config.no_return_fraction * max_range
         centres = (np.arange(MEASURED_BINS) + 0.5) * max_range / MEASURED_BINS
         with np.errstate(divide="ignore"):
-            density = np.log(mixture_density(centres[:, None], codes.ranges[None, :], config, max_range))
+            density = np.log(step_density(centres, *codes.steps, config, max_range))
             missing = np.log(no_return_mass(codes.ranges, config))
         nothing = np.zeros(256)  # an invalid reading says nothing about any pose
         table = np.maximum(np.vstack([density, missing, nothing]), -100.0)

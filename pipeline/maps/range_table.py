@@ -46,6 +46,16 @@ class RangeCodes:
         unknown = np.expm1(np.arange(UNKNOWN_CODES) / (UNKNOWN_CODES - 1) / self.scale) * LOG_OFFSET
         return np.concatenate([hit, unknown, [np.inf]])
 
+    @cached_property
+    def steps(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Shortest and longest true range in metres, (256,) each, that are rounded to a code; inf for 255."""
+        borders = []
+        for codes in (HIT_CODES, UNKNOWN_CODES):
+            share = np.clip((np.arange(codes + 1) - 0.5) / (codes - 1), 0.0, 1.0)
+            borders.append(np.expm1(share / self.scale) * LOG_OFFSET)
+        none = np.array([np.inf])
+        return np.concatenate([*(b[:-1] for b in borders), none]), np.concatenate([*(b[1:] for b in borders), none])
+
     @property
     def ends_unknown(self) -> NDArray[np.bool_]:
         """(256,) codes of rays that leave what the map knows."""

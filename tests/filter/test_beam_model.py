@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config import Config, load_config
-from pipeline.filter.beam_model import BeamModel, mixture_density, no_return_mass
+from pipeline.filter.beam_model import BeamModel, mixture_density, no_return_mass, step_density
 from pipeline.kernels.resampling import low_variance
 from pipeline.maps.range_table import HIT_CODES, LOG_OFFSET, RangeCodes
 
@@ -142,18 +142,69 @@ def test_quantised_log_likelihood_of_the_course_is_all_but_exact() -> None:
     assert found.mean() < 0.001
 
 
+def too_low(config: Config, far: float, max_range: float = 82.0) -> tuple[np.ndarray, np.ndarray]:
+    """By how much the table, and a table of the density at each code's own range, take hits for less likely than they
+    are, in nats: readings drawn from the Gaussian about true ranges up to ``far`` metres."""
+    codes, rng, n = RangeCodes(max_range), np.random.default_rng(1), 20_000
+    star = rng.uniform(0.02, far, n)
+    z = np.clip(star + rng.normal(0, config.sigma_hit, n), 0.02, 0.76 * max_range)
+    code = np.searchsorted(codes.steps[1][:HIT_CODES], star)
+    exact = np.log(mixture_density(z, star, config, max_range))
+    at_code = np.log(mixture_density(z, codes.ranges[code], config, max_range))
+    return exact - rows_of(z, config, max_range)[np.arange(n), code], exact - at_code
+
+
+@pytest.mark.parametrize(
+    ("sigma", "far", "before", "now"),
+    [(0.05, 10.0, 4.5, 2.6), (0.05, 30.0, 8.0, 3.4), (0.15, 10.0, 1.5, 1.2), (0.15, 30.0, 3.9, 2.2)],
+)
+def test_a_hit_whose_step_is_wide_is_not_taken_for_a_miss(sigma: float, far: float, before: float, now: float) -> None:
+    """Averaged over the step of z*, a right beam loses half as much at worst, and not more in the mean where steps
+    are wide. The price: a beam that just misses gains as much as the other lost, so the largest difference stays."""
+    averaged, at_code = too_low(Config(sigma_hit=sigma), far)
+    assert at_code.max() > before
+    assert averaged.max() < now
+    assert averaged.mean() < 1.1 * at_code.mean()
+
+
+TO_AVERAGE = [
+    Config(),
+    Config(sigma_hit=0.03, lambda_short=10.0, lambda_long=20.0),
+    Config(z_hit=1.0, z_short=0.0, z_long=0.0, z_rand=0.1),
+    Config(z_hit=0.0, z_short=1.0, z_long=1.0, z_rand=0.1),
+    load_config("course"),
+]
+
+
+@pytest.mark.parametrize("config", TO_AVERAGE)
+def test_the_density_of_a_step_is_the_mean_over_it(config: Config) -> None:
+    low, high = (border[:HIT_CODES] for border in RangeCodes(MAX_RANGE).steps)
+    z = np.linspace(0.05, 18.0, 150)
+    shares = (np.arange(500) + 0.5) / 500
+    mean = np.mean([mixture_density(z[:, None], low + s * (high - low), config, MAX_RANGE) for s in shares], axis=0)
+    np.testing.assert_allclose(step_density(z, low, high, config, MAX_RANGE), mean, rtol=0.04, atol=1e-4)
+
+
+def test_a_narrow_step_has_the_density_itself() -> None:
+    z, star = np.linspace(0.05, 19.5, 200), np.linspace(0.3, 19.0, 30)
+    exact = mixture_density(z[:, None], star, Config(), MAX_RANGE)
+    np.testing.assert_allclose(step_density(z, star - 1e-5, star + 1e-5, Config(), MAX_RANGE), exact, rtol=1e-3)
+
+
+def test_where_nothing_ends_the_ray_there_is_no_step() -> None:
+    z = np.linspace(0.05, 19.5, 20)
+    (column,) = step_density(z, np.array([np.inf]), np.array([np.inf]), Config(), MAX_RANGE).T
+    np.testing.assert_allclose(column, mixture_density(z, np.inf, Config(), MAX_RANGE))
+
+
 def test_scan_rows_hold_what_the_density_says() -> None:
-    """At z* that the codes hold exactly, only the step of z is left: 2.4 mm here."""
-    config = Config(sigma_hit=0.3)
+    """Only the step of z is left: 2.4 mm here."""
+    config, codes = Config(sigma_hit=0.3), RangeCodes(MAX_RANGE)
     z = np.linspace(0.05, 19.9, 300)
     rows = rows_of(z, config)
     assert rows.shape == (300, 256)
     assert rows.dtype == np.float32
-    ranges = RangeCodes(MAX_RANGE).ranges[:HIT_CODES]
-    expected = np.log(mixture_density(z[:, None], ranges[None, :], config, MAX_RANGE))
-    # On z = z* the short readings end; a step of z beside it may lie on either side.
-    off = np.abs(z[:, None] - ranges[None, :]) > MAX_RANGE / 4096
-    assert np.abs(rows[:, :HIT_CODES] - expected)[off].max() < 0.15
+    assert np.abs(rows - np.log(step_density(z, *codes.steps, config, MAX_RANGE))).max() < 0.15
 
 
 def test_unnormalised_weights_give_the_same_particle_weights() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import reference
 
 from pipeline.errors import MclError
 from pipeline.kernels import raycast
@@ -220,6 +221,19 @@ def test_the_scale_ends_at_the_maps_diagonal_or_the_lasers_range() -> None:
     assert range_codes(grid(), 80.0).max_range == pytest.approx(0.1 * np.hypot(20, 30))
     assert range_codes(grid(), 2.0).max_range == 2.0
     assert range_codes(grid(), 2.0).ranges[HIT_CODES - 1] == pytest.approx(2.0)
+
+
+def test_every_code_stands_for_the_ranges_that_are_rounded_to_it() -> None:
+    codes = range_codes(grid(), 2.0)
+    low, high = codes.steps
+    assert (low[:-1] <= codes.ranges[:-1]).all()
+    assert (codes.ranges[:-1] <= high[:-1]).all()
+    np.testing.assert_array_equal(high[: HIT_CODES - 1], low[1:HIT_CODES])
+    assert (low[0], high[HIT_CODES - 1], low[HIT_CODES]) == (0.0, pytest.approx(2.0), 0.0)
+    assert np.isinf([low[255], high[255]]).all()
+    for code in (0, 1, 57, 223):
+        for inside in (low[code] + 1e-6, high[code] - 1e-6):
+            assert reference.encode(inside, 1, 2.0, range_table.LOG_OFFSET, HIT_CODES, 31) == code
 
 
 def test_padded_rows_go_round() -> None:
