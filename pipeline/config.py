@@ -126,6 +126,7 @@ class Config(BaseModel):
         "low_variance", description="Table 4.4, or independent draws."
     )
     resample_ess: Fraction = Field(0.5, description="Resample when the effective sample size falls below this share.")
+    resample_interval: int = Field(1, ge=1, description="Ask whether to resample at every n-th update only.")
     update_min_d: NonNegative = Field(0.01, description="The robot stands still below this travel, m: no update then.")
     update_min_a: NonNegative = Field(0.01, description="... and below this turn, rad.")
 

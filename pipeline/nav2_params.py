@@ -189,10 +189,9 @@ def _set_weighing(ours: dict[str, Any], file: _File, model: str) -> None:
 
 
 def _set_resampling(ours: dict[str, Any], file: _File) -> None:
-    if file.number("resample_interval") <= 1:
-        ours["resample_ess"] = 1.0
-    else:
-        file.remark("resample_interval: not every so many updates, but when resample_ess asks for it")
+    """AMCL asks nothing of the weights: every so many updates it resamples."""
+    ours["resample_ess"] = 1.0
+    ours["resample_interval"] = max(1, round(file.number("resample_interval")))
 
 
 def _set_start(ours: dict[str, Any], file: _File) -> None:

@@ -181,10 +181,10 @@ def test_a_pose_that_is_not_set_waits_for_init_pose(read) -> None:
     assert read(amcl(max_beams=30) + POSE, init="pose")[0].init == "pose"
 
 
-def test_resampling_now_and_then_is_left_to_the_effective_sample_size(read) -> None:
+def test_resampling_at_every_other_update(read) -> None:
     config, remarks = read(amcl(resample_interval=2))
-    assert config.resample_ess == Config().resample_ess
-    assert any("resample_interval" in remark for remark in remarks)
+    assert (config.resample_interval, config.resample_ess) == (2, 1.0)
+    assert not any("resample_interval" in remark for remark in remarks)
 
 
 def test_a_robot_that_drives_sideways_is_remarked_on(read) -> None:

@@ -27,6 +27,7 @@ class Belief:
         self._config, self._sensor, self._seed = config, sensor, seed
         self._clusters = Clusters(grid, config.max_particles)
         self._resample_due = False
+        self._updates = 0
         self.particles = Particles(config.max_particles, config.slip)
         self.hypotheses: tuple[Estimate, ...] = ()
 
@@ -53,7 +54,9 @@ class Belief:
         p, least = self.particles, self._config.resample_ess
         self._sensor.score(p.poses, reading, p.log_likelihood)
         p.weigh(reading.temper)
-        self._resample_due = p.ess < least * p.n or least == 1.0
+        self._updates += 1
+        asked = self._updates % self._config.resample_interval == 0
+        self._resample_due = asked and (p.ess < least * p.n or least == 1.0)
         self.hypotheses = self._clusters.find(p.poses, p.weights)
 
     def move(self, poses: NDArray[np.float32], weights: NDArray[np.float64], key: np.uint64) -> None:

@@ -305,6 +305,11 @@ def kidnapped(log: Log, begin: int, carried: int, put_down: int, end: int) -> tu
     return cut, log.ground_truth.poses[rows]
 
 
+def test_resampling_at_every_third_update_only(office: Log) -> None:
+    steps = [step for step in run(office, known_start(office, resample_interval=3, resample_ess=1.0), 40) if step.moved]
+    assert [i for i, step in enumerate(steps) if step.resampled] == list(range(3, len(steps), 3))
+
+
 def test_lost_and_found(office: Log) -> None:
     log, truth = kidnapped(office, 80, 110, 250, 300)
     start = {"initial_pose": tuple(truth[0].tolist()), "recovery": "search", "max_particles": 3000}
