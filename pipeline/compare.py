@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import MclError
 from pipeline.evaluate.metrics import pose_errors
+from pipeline.export.files import refuse_existing, replacing
 from pipeline.export.run import Run
 
 APART = 0.5
@@ -78,6 +82,132 @@ FIGURES: tuple[tuple[str, Callable[[Figures], str]], ...] = (
 """What is told of a run, and how."""
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """From ``begin`` to ``end``, s, two estimates were apart: by ``distance`` m and ``turn`` rad at its beginning, and
+    by ``most`` m at the worst."""
+
+    begin: float
+    end: float
+    distance: float
+    turn: float
+    most: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two runs side by side.
+
+    ``figures`` of each; ``config``: what differs in their parameters, (value, value) by name, None where one lacks it;
+    ``same_log``, ``same_map``; ``common``: how many scans they share, by stamp, and ``apart`` when they stood at
+    different poses, in the order of time; ``scans``, ``times`` (s) and ``distances`` (m) (n,): of the common scans.
+    """
+
+    figures: tuple[Figures, Figures]
+    config: dict[str, tuple[Any, Any]]
+    same_log: bool
+    same_map: bool
+    apart: tuple[Stretch, ...]
+    scans: NDArray[np.int64]
+    times: NDArray[np.float64]
+    distances: NDArray[np.float64]
+
+    @property
+    def common(self) -> int:
+        """Scans of the same stamp."""
+        return len(self.times)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        a, b = self.figures
+        return {
+            "a": asdict(a),
+            "b": asdict(b),
+            "same_log": self.same_log,
+            "same_map": self.same_map,
+            "config": {name: {"a": values[0], "b": values[1]} for name, values in self.config.items()},
+            "common_scans": self.common,
+            "apart": [asdict(stretch) for stretch in self.apart],
+            "distance": {
+                "median": float(np.median(self.distances)) if self.common else None,
+                "most": float(np.max(self.distances)) if self.common else None,
+                "end": float(self.distances[-1]) if self.common else None,
+            },
+        }
+
+    def config_rows(self) -> list[tuple[str, str, str]]:
+        """Parameters that differ, as (name, value, value) texts."""
+        return [(name, _shown(a), _shown(b)) for name, (a, b) in self.config.items()]
+
+    def figure_rows(self) -> list[tuple[str, str, str]]:
+        """Figures as (name, value, value) texts."""
+        a, b = self.figures
+        rows = [("log", a.log, b.log), ("seed", str(a.seed), str(b.seed))]
+        return [*rows, *((name, show(a), show(b)) for name, show in FIGURES if (show(a), show(b)) != ("-", "-"))]
+
+    def apart_rows(self) -> list[tuple[str, str, str]]:
+        """When the estimates were apart, as texts: from when to when, how far at first, and at the worst."""
+        return [
+            (f"{s.begin:.1f} s", f"to {s.end:.1f} s", f"{s.distance:.2f} m, {np.degrees(s.turn):.0f} deg; "
+             f"at the worst {s.most:.2f} m")
+            for s in self.apart
+        ]  # fmt: skip
+
+
+def compare(a: Run, b: Run) -> Comparison:
+    """What differs between two runs; their estimates at the scans that both have, told apart by the stamps."""
+    _, left, right = np.intersect1d(a.told.stamps, b.told.stamps, return_indices=True)
+    position, turn = pose_errors(a.told.poses[left], b.told.poses[right])
+    times = a.told.times[left]
+    return Comparison(
+        figures=(figures(a), figures(b)),
+        config=differing([a, b]),
+        same_log=a.told.log_sha256 == b.told.log_sha256,
+        same_map=a.told.map_sha256 == b.told.map_sha256,
+        apart=_stretches(times, position, turn),
+        scans=a.told.scan_indices[left],
+        times=times,
+        distances=position,
+    )
+
+
+def differing(runs: Sequence[Run]) -> dict[str, tuple[Any, ...]]:
+    """The parameters in which the runs are not all alike: every run's value by name, None where it has none."""
+    names = dict.fromkeys(name for run in runs for name in run.told.config)
+    values = {name: tuple(run.told.config.get(name) for run in runs) for name in names}
+    return {name: found for name, found in values.items() if any(value != found[0] for value in found)}
+
+
+def table(runs: Sequence[Run], names: Sequence[str]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Headings and a row of texts for every run: its name, log and seed, the parameters that differ, and figures."""
+    config = differing(runs)
+    told = [figures(run) for run in runs]
+    shown = [(label, show) for label, show in FIGURES if any(show(one) != "-" for one in told)]
+    headings = ("run", "log", "seed", *config, *(label for label, _ in shown))
+    rows = [
+        (name, one.log, str(one.seed), *(_shown(values[k]) for values in config.values()), *(s(one) for _, s in shown))
+        for k, (name, one) in enumerate(zip(names, told, strict=True))
+    ]
+    return headings, rows
+
+
+def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:
+    """Write one recording that shows the runs on the same time line. Raises MclError as `write_side_by_side`, or if
+    ``output`` exists and ``force`` does not say to replace it."""
+    from pipeline.recording.side_by_side import Shown, write_side_by_side
+
+    refuse_existing(output, force)
+    if not output.parent.is_dir():
+        raise MclError("the folder to write to does not exist", path=output.parent)
+    apart = None
+    if len(runs) == 2:
+        found = compare(*runs)
+        apart = (found.scans, found.times, found.distances) if found.common else None
+    shown = [Shown(f"{run.name}, seed {run.seed}", run.file, run.scenes) for run in runs]
+    with replacing(output) as partial:
+        write_side_by_side(partial, shown, apart=apart)
+
+
 def errors(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position (m) and heading (rad) error of every scan, (n,) each; NaN where the truth is not known."""
     return pose_errors(run.scenes.estimates, run.scenes.truth)
@@ -85,3 +215,26 @@ def errors(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def _or_dash(value: float | None, show: Callable[[float], str]) -> str:
     return "-" if value is None else show(value)
+
+
+def _stretches(
+    times: NDArray[np.float64], position: NDArray[np.float64], turn: NDArray[np.float64]
+) -> tuple[Stretch, ...]:
+    apart = (position > APART) | (turn > APART_TURN)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], apart, [False]])))
+    return tuple(
+        Stretch(
+            float(times[begin]),
+            float(times[end - 1]),
+            float(position[begin]),
+            float(turn[begin]),
+            float(position[begin:end].max()),
+        )
+        for begin, end in edges.reshape(-1, 2)
+    )
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -107,10 +107,12 @@ def replay(
     progress: Progress | None = None,
     given: Sequence[str] = (),
     mcap: Path | None = None,
+    viewer: str | None = None,
 ) -> Replay:
     """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures.
 
     ``mcap``: a file to write as well, the result beside the log's messages; a run that is stopped leaves none.
+    ``viewer``: the address of a viewer that shows the recording while it grows.
     ``given``: options of `mcl localize` by which the log was read, to be repeated by whoever repeats the run.
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
     is to blame (MclError), or no scan was recorded, nothing can be learnt from it, and the folder is removed.
@@ -126,9 +128,8 @@ def replay(
                 from pipeline.recording.rerun_sink import RerunSink
 
                 density = _sensor_model(log, config)
-                recordings = [
-                    stack.enter_context(RerunSink(folder.recording, log=log, config=config, seed=seed, density=density))
-                ]
+                sink = RerunSink(folder.recording, log=log, config=config, seed=seed, density=density, viewer=viewer)
+                recordings = [stack.enter_context(sink)]
             sinks: list[Sink] = [*recordings, recorded] if record else []
             if mcap is not None:
                 sinks.append(_Published(stack.enter_context(_result_file(mcap, log, config, seed)), config, seed))

@@ -16,7 +16,10 @@ from pipeline.cli.lines import columns, facts, percent
 from pipeline.config import dump_config, load_config, preset_names
 from pipeline.errors import MclError
 
-COMMANDS = ("demo", "convert", "localize", "inspect", "evaluate", "tune", "simulate", "export", "share", "config", "bench")
+COMMANDS = (
+    "demo", "convert", "localize", "inspect", "view", "compare", "evaluate", "tune", "simulate", "export", "share",
+    "config", "bench",
+)  # fmt: skip
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from typer.core import TyperGroup
 
 from pipeline import __version__, console
 from pipeline.cli.benching import bench
+from pipeline.cli.comparing import compare, view
 from pipeline.cli.evaluation import evaluate
 from pipeline.cli.exporting import export
 from pipeline.cli.logs import convert, simulate
@@ -56,7 +57,21 @@ app = typer.Typer(
     no_args_is_help=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for command in (demo, convert, localize, inspect, evaluate, tune, simulate, export, share, config, bench):
+for command in (
+    demo,
+    convert,
+    localize,
+    inspect,
+    view,
+    compare,
+    evaluate,
+    tune,
+    simulate,
+    export,
+    share,
+    config,
+    bench,
+):
     app.command()(command)
 
 

@@ -53,6 +53,10 @@ OdomFrameOption = Annotated[
 LaserFrameOption = Annotated[
     str | None, typer.Option(metavar="FRAME", help="The laser's frame, if the scans name none, another or several.")
 ]
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(metavar="URL", help="Show it in a viewer that is open already, like rerun+http://host:9876/proxy."),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
 
 

@@ -17,6 +17,7 @@ from pipeline.cli.lines import columns, facts, percent
 from pipeline.cli.parameters import (
     BaseFrameOption,
     ConfigOption,
+    ConnectOption,
     JsonOption,
     LaserFrameOption,
     LogArgument,
@@ -47,7 +48,7 @@ among people, and 0.08 to 0.53 on the map of another building.
 """
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
-_NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "mcap", "as_json")
+_NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "view", "connect", "mcap", "as_json")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
 ThreadsOption = Annotated[
@@ -96,10 +97,15 @@ def localize(
         Path | None,
         typer.Option("--output-mcap", metavar="OUT.mcap", help="Also the result, for RViz, Foxglove and nav2's tools."),
     ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show it in rerun's viewer while it runs.")] = False,
+    connect: ConnectOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the robot: recording, trajectory, and what came out."""
     from pipeline.recording.run_folder import create
+
+    if (view or connect) and not record:
+        raise typer.BadParameter("what is shown is the recording: --no-record leaves nothing to --view")
 
     if mcap is not None and mcap.exists():
         raise MclError("this file exists already", "results are never overwritten", path=mcap)
@@ -110,8 +116,11 @@ def localize(
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     opened = open_log(log, map_path, names)
+    viewer = _viewer_at(connect) if connect or view else None
     folder, given = create(opened.name, output), _given(context)
-    run = _run(opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap)
+    run = _run(
+        opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer
+    )
     if as_json:
         written = {} if mcap is None else {"mcap": str(mcap)}
         console.emit_json({"folder": str(run.folder.path), **written, **run.to_dict()})
@@ -147,7 +156,9 @@ def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:
 
 
 def inspect(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, or its run.rrd.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN", help="The folder of a run, or its run.rrd; several for a table.")
+    ],
     at: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Only where the robot was, so long after the first scan.")
     ] = None,
@@ -156,7 +167,13 @@ def inspect(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Read a recording back, without a viewer."""
+    """Read a recording back, without a viewer; of several a table."""
+    if len(runs) > 1:
+        if at is not None or export is not None:
+            raise typer.BadParameter("--at and --export ask one run, and several were given")
+        _table(runs, as_json)
+        return
+    (run,) = runs
     from dataclasses import asdict
 
     from pipeline.inspect import export_trajectory
@@ -187,6 +204,34 @@ def inspect(
         (console.note if as_json else console.result)(str(export))
 
 
+def _table(paths: Sequence[Path], as_json: bool) -> None:
+    """Several runs, a row each: the parameters in which they differ, and what came out."""
+    from dataclasses import asdict
+
+    from pipeline.compare import differing, figures, table
+    from pipeline.export.run import read_run
+
+    runs = [read_run(path) for path in paths]
+    for run in runs:
+        if run.told.damage:
+            console.note(f"note: {run.told.path}: {run.told.damage}")
+    if as_json:
+        config = differing(runs)
+        console.emit_json(
+            [
+                {
+                    "run": str(path),
+                    **asdict(figures(run)),
+                    "config": {name: values[k] for name, values in config.items()},
+                }
+                for k, (path, run) in enumerate(zip(paths, runs, strict=True))
+            ]
+        )
+        return
+    headings, rows = table(runs, [str(path) for path in paths])
+    console.result(columns(f"{len(runs)} runs", rows, headings))
+
+
 def _given(context: typer.Context) -> list[str]:
     """The options typed that say how to read the log: not what a configuration holds, nor what changes no result."""
     typed: list[str] = []
@@ -207,6 +252,7 @@ def _run(
     record: bool = True,
     given: Sequence[str] = (),
     mcap: Path | None = None,
+    viewer: str | None = None,
 ) -> Replay:
     with _fresh(folder):
         # Loading these takes a while, in which somebody may think better of it.
@@ -225,7 +271,18 @@ def _run(
             progress=console.progress,
             given=given,
             mcap=mcap,
+            viewer=viewer,
         )
+
+
+def _viewer_at(address: str | None) -> str:
+    """Where the viewer is that shall show a run; one that is opened now if no address is given."""
+    from pipeline.recording.viewer import check_address, open_empty
+
+    if address is None:
+        return open_empty()
+    check_address(address)
+    return address
 
 
 @contextmanager

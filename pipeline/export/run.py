@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.inspect import Inspection, inspect_file, open_recording
+from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import Scenes, read_scenes
 
 TITLES = {"converged": "converged", "diverged": "spread out again", "lost": "lost", "found": "found"}
@@ -33,10 +34,11 @@ class Moment:
 
 @dataclass(frozen=True)
 class Run:
-    """What is known of a run: ``told`` exactly, ``scenes`` as drawn, both with the same rows."""
+    """What is known of a run: ``told`` exactly, ``scenes`` as drawn, both with the same rows; the ``file`` itself."""
 
     told: Inspection
     scenes: Scenes
+    file: RrdFile
 
     @property
     def name(self) -> str:
@@ -75,7 +77,7 @@ def read_run(path: Path | str) -> Run:
     path, file = open_recording(path)
     told = inspect_file(path, file)
     try:
-        return Run(told, read_scenes(file))
+        return Run(told, read_scenes(file), file)
     except MclError as error:
         raise MclError(error.message, error.hint, path=path) from error
 

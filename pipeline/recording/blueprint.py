@@ -38,10 +38,9 @@ class Area:
         """Width and height of the flat view."""
         return (self.size[0] * self.pixels_per_metre, self.size[1] * self.pixels_per_metre)
 
-    @property
-    def eye_height(self) -> float:
-        """From where a 3D camera sees all of it, metres."""
-        return max(self.size[1], self.size[0] / ASPECT) / 2 / float(np.tan(FIELD_OF_VIEW / 2))
+    def eye_height(self, aspect: float = ASPECT) -> float:
+        """From where a 3D camera sees all of it, metres, in a view of this width over height."""
+        return max(self.size[1], self.size[0] / aspect) / 2 / float(np.tan(FIELD_OF_VIEW / 2))
 
 
 def known_area(grid: OccupancyGrid) -> Area:
@@ -65,9 +64,9 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
             contents=[entities.WEIGHTS, entities.WEIGHT_SHARE],
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
         ),
-        _curves("Effective sample size and particles", entities.ESS, entities.PARTICLE_COUNT),
-        _curves("Likelihood per beam and share explained", entities.LIKELIHOOD, entities.EXPLAINED),
-        _curves("Spread of the particles, m", entities.SPREAD),
+        curves("Effective sample size and particles", entities.ESS, entities.PARTICLE_COUNT),
+        curves("Likelihood per beam and share explained", entities.LIKELIHOOD, entities.EXPLAINED),
+        curves("Spread of the particles, m", entities.SPREAD),
     ]
     documents = [
         rrb.TextDocumentView(origin=entities.EXPLANATION, name="What you see"),
@@ -87,7 +86,7 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(rrb.Tabs(*_maps(known_area(grid)), *documents, active_tab=tab), events, row_shares=[5, 1]),
+            rrb.Vertical(rrb.Tabs(*map_views(known_area(grid)), *documents, active_tab=tab), events, row_shares=[5, 1]),
             rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]),
             column_shares=[5, 2],
         ),
@@ -99,25 +98,22 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
     )
 
 
-def _maps(area: Area) -> list[rrb.View]:
-    x, y = area.centre
-    looking_down = rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital, position=(x, y, area.eye_height), look_target=(x, y, 0.0), eye_up=(0.0, 1.0, 0.0)
-    )
-    shared: dict[str, Any] = {"contents": f"{entities.WORLD}/**", "overrides": _overrides()}
+def map_views(area: Area, *, below: str = "", name: str = "Map", aspect: float = ASPECT) -> list[rrb.View]:
+    """The map from above and the same flat, of entities that hang ``below`` a path, in views of this shape."""
+    shared: dict[str, Any] = {"contents": f"{below}{entities.WORLD}/**", "overrides": _overrides(below)}
     width, height = area.pixels
     return [
         rrb.Spatial3DView(
-            origin=entities.WORLD,
-            name="Map",
-            eye_controls=looking_down,
+            origin=below + entities.WORLD,
+            name=name,
+            eye_controls=looking_down(area, aspect),
             line_grid=False,
             background=palette.UNKNOWN,
             **shared,
         ),
         rrb.Spatial2DView(
-            origin=entities.CAMERA,
-            name="Map, flat",
+            origin=below + entities.CAMERA,
+            name=f"{name}, flat",
             visual_bounds=rrb.VisualBounds2D(x_range=[0.0, width], y_range=[0.0, height]),
             background=palette.UNKNOWN,
             **shared,
@@ -125,7 +121,30 @@ def _maps(area: Area) -> list[rrb.View]:
     ]
 
 
-def _overrides() -> dict[str, Any]:
+def looking_down(area: Area, aspect: float = ASPECT) -> rrb.EyeControls3D:
+    """A camera above the area that sees all of it in a view of this width over height, north up."""
+    x, y = area.centre
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=(x, y, area.eye_height(aspect)),
+        look_target=(x, y, 0.0),
+        eye_up=(0.0, 1.0, 0.0),
+    )
+
+
+def so_far() -> rrb.VisibleTimeRanges:
+    """Shows what is a segment per scan up to the cursor, so that a path grows as one scrubs."""
+    return rrb.VisibleTimeRanges(
+        [
+            rrb.VisibleTimeRange(
+                timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
+            )
+            for timeline in (entities.SCAN, entities.TIME)
+        ]
+    )
+
+
+def _overrides(below: str) -> dict[str, Any]:
     # Headings start at the points they belong to; storing the origins again would add half of the file.
     def same(target: str, source: str) -> VisualizerComponentMapping:
         return VisualizerComponentMapping(
@@ -135,27 +154,19 @@ def _overrides() -> dict[str, Any]:
     arrows = rr.Arrows3D.from_fields().visualizer(
         mappings=[same("Arrows3D:origins", "Points3D:positions"), same("Arrows3D:colors", "Points3D:colors")]
     )
-    # A path is a segment per scan; all up to the cursor are shown, so it grows as one scrubs.
-    so_far = rrb.VisibleTimeRanges(
-        [
-            rrb.VisibleTimeRange(
-                timeline, start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.cursor_relative()
-            )
-            for timeline in (entities.SCAN, entities.TIME)
-        ]
-    )
     return {
-        entities.PARTICLES: [rr.Points3D.from_fields().visualizer(), arrows],
-        entities.PATH: so_far,
-        entities.TRUTH_PATH: so_far,
+        below + entities.PARTICLES: [rr.Points3D.from_fields().visualizer(), arrows],
+        below + entities.PATH: so_far(),
+        below + entities.TRUTH_PATH: so_far(),
     }
 
 
-def _curves(name: str, *curves: str) -> rrb.TimeSeriesView:
+def curves(name: str, *shown: str) -> rrb.TimeSeriesView:
+    """Curves over the whole run, with a legend if there are several."""
     whole_run = rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         name=name,
-        contents=list(curves),
+        contents=list(shown),
         axis_x=rrb.TimeAxis(view_range=whole_run),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=len(curves) > 1),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=len(shown) > 1),
     )

@@ -166,10 +166,13 @@ def _events(steps: Sequence[Step]) -> list[Columns]:
     return [(entities.EVENTS, index, columns)]
 
 
-def segments(poses: NDArray[np.float64], z: float) -> list[Any]:
-    """A path through poses (n, 3), one segment per row from its predecessor; the first row is empty."""
-    strips = np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)
-    return list(rr.LineStrips3D.columns(strips=_lift(strips, z)).partition([0] + [1] * len(strips)))
+def segments(poses: NDArray[np.float64], z: float, joined: NDArray[np.bool_] | None = None) -> list[Any]:
+    """A path through poses (n, 3), one segment per row from its predecessor; none in the first row, and none where
+    ``joined`` (n,) says that a row does not go on from the one before."""
+    drawn = np.ones(len(poses), np.bool_) if joined is None else joined.copy()
+    drawn[0] = False
+    strips = np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[drawn[1:]]
+    return list(rr.LineStrips3D.columns(strips=_lift(strips, z)).partition(drawn.astype(np.int64)))
 
 
 def transforms(poses: NDArray[np.float64], z: float) -> list[Any]:

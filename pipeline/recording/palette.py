@@ -20,6 +20,9 @@ HINDSIGHT: Colour = (86, 180, 233)
 NEUTRAL: Colour = (130, 130, 130)
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
+# Runs side by side: Okabe and Ito's, which every kind of colour vision tells apart.
+RUNS: tuple[Colour, ...] = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0))
+
 # Weight relative to the mean weight, log10: the ends of the colour scale, and of the histogram's axis.
 COLOUR_RANGE = (-2.0, 2.0)
 HISTOGRAM_RANGE = (-6.0, 5.0)

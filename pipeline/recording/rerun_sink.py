@@ -37,13 +37,21 @@ class RerunSink:
     """A recording that grows with the run and is complete once closed.
 
     ``path``: the .rrd, which must not exist; its folder must. ``log``: what was localised, with its map;
-    ``density``: the sensor model at one true range, (z (k,) m ascending, p(z | z*) (k,) per metre, z* m).
+    ``density``: the sensor model at one true range, (z (k,) m ascending, p(z | z*) (k,) per metre, z* m);
+    ``viewer``: the address of one that shows the run while it goes on; if that goes away, the file is still written.
     Whatever was written in whole batches can be read even if the process is killed.
     Raises MclError for a log without a map, or where the file cannot be written.
     """
 
     def __init__(
-        self, path: Path | str, *, log: Log, config: Config, seed: int, density: Density | None = None
+        self,
+        path: Path | str,
+        *,
+        log: Log,
+        config: Config,
+        seed: int,
+        density: Density | None = None,
+        viewer: str | None = None,
     ) -> None:
         if log.grid is None:
             raise MclError("the log holds no map, and a recording is drawn on one", path=log.path)
@@ -58,6 +66,7 @@ class RerunSink:
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
         self._closed = False
+        self._viewed = viewer is not None
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
         self._stream = rr.RecordingStream(
             entities.APPLICATION_ID, recording_id=entities.recording_id(log, config, seed)
@@ -65,14 +74,18 @@ class RerunSink:
         self._stream.set_log_time_enabled(False)
         self._started = np.datetime64(time.time_ns(), "ns")
         try:
-            self._stream.save(self.path, default_blueprint=blueprint(log.grid))
+            if viewer is None:
+                self._stream.save(self.path, default_blueprint=blueprint(log.grid))
+            else:
+                sinks = (rr.FileSink(self.path), rr.GrpcSink(viewer))
+                self._stream.set_sinks(*sinks, default_blueprint=blueprint(log.grid))
         except Exception as error:
             raise MclError(f"cannot write the recording: {error}", path=self.path) from error
         self._log_map(log.grid)
         self._log_styles()
         self._log_documents(density)
         self._log_truth()
-        self._stream.flush()  # what a killed run leaves shall say which run it was
+        self._wait()  # what a killed run leaves shall say which run it was
 
     def __enter__(self) -> Self:
         return self
@@ -129,8 +142,16 @@ class RerunSink:
         try:
             self._flush()
         finally:
-            self._stream.flush()
+            self._wait()
             self._stream.disconnect()
+
+    def _wait(self) -> None:
+        """Until all is written; a viewer that somebody closed meanwhile is no reason to lose the run."""
+        try:
+            self._stream.flush()
+        except RuntimeError:
+            if not self._viewed:
+                raise
 
     def _flush(self) -> None:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.

@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.error
+import urllib.parse
 import urllib.request
-from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.errors import MclError
 
 PATIENCE = 60.0
 """Seconds that a local server may take to answer."""
+SETTLED = 1.0
+"""Seconds after which a viewer that cannot draw has given up."""
+DEFAULT_PORT = 9876
+NO_SCREEN = "is there a screen? `mcl share` and `mcl export` need none"
 
 
 def program() -> Path:
@@ -33,16 +39,67 @@ def quiet() -> dict[str, str]:
     return os.environ | {"CI": "1"}
 
 
-def start(arguments: Sequence[str | Path], *, wait: bool) -> int:
-    """Start the viewer; ``wait`` until it is closed and return its exit code, else 0 at once."""
-    command = [program(), *arguments]
-    if wait:
-        return subprocess.run(command, env=quiet(), check=False).returncode
-    subprocess.Popen(
-        command, env=quiet(), start_new_session=True,
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    return 0
+def show(path: Path) -> None:
+    """Open a recording in a viewer on this screen and wait until it is closed. Raises MclError if it does not open."""
+    told = subprocess.run(
+        [program(), "--bind", "127.0.0.1", "--port", "auto", path], env=quiet(), stderr=subprocess.PIPE, check=False
+    )
+    if told.returncode:
+        raise MclError(f"the viewer did not open: {_reason(told.stderr)}", NO_SCREEN)
+
+
+def open_empty() -> str:
+    """Open a viewer on this screen that stays, and return the address to send to. Raises MclError if none opens."""
+    port = _free_port()
+    with tempfile.TemporaryFile() as said:
+        viewer = subprocess.Popen(
+            [program(), "--bind", "127.0.0.1", "--port", str(port), "--expect-data-soon"],
+            env=quiet(), start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
+        )  # fmt: skip
+        until = time.monotonic() + PATIENCE
+        while not _listens("127.0.0.1", port, 0.2):
+            if viewer.poll() is not None or time.monotonic() > until:
+                said.seek(0)
+                raise MclError(f"the viewer did not open: {_reason(said.read())}", NO_SCREEN)
+            time.sleep(0.1)
+        time.sleep(SETTLED)  # it listens before it knows whether there is a screen
+        if viewer.poll() is not None:
+            said.seek(0)
+            raise MclError(f"the viewer did not open: {_reason(said.read())}", NO_SCREEN)
+    return f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def check_address(address: str) -> None:
+    """Raises MclError unless ``address`` is that of a viewer and something listens there."""
+    try:
+        parts = urllib.parse.urlsplit(address)
+        host, port = parts.hostname, parts.port or DEFAULT_PORT
+    except ValueError:
+        host, port, parts = None, 0, urllib.parse.urlsplit("")
+    if not host or parts.scheme not in ("rerun", "rerun+http", "rerun+https") or parts.path != "/proxy":
+        raise MclError(f"{address!r} is no address of a viewer", f"expected rerun+http://HOST:{DEFAULT_PORT}/proxy")
+    if not _listens(host, port, 5.0):
+        raise MclError(f"no viewer answers at {address}", "`rerun` opens one; it prints its address")
+
+
+def send(path: Path, address: str) -> None:
+    """Show a recording, with its layout, in the viewer at ``address``. Raises MclError if that does not work."""
+    import rerun as rr
+
+    from pipeline.recording.rrd_file import read_rrd
+
+    check_address(address)
+    file = read_rrd(path)
+    # Under the recording's own id: another one would stand in the viewer's list, empty.
+    stream = rr.RecordingStream(file.application_id, recording_id=file.recording_id)
+    try:
+        stream.connect_grpc(address)
+        stream.log_file_from_path(path)
+        stream.flush()
+    except Exception as error:
+        raise MclError(f"the viewer at {address} did not take it: {error}", path=path) from error
+    finally:
+        stream.disconnect()
 
 
 def web_files() -> tuple[str, bytes]:
@@ -74,6 +131,21 @@ def _fetch(address: str, served: subprocess.Popen[bytes]) -> bytes:
             if served.poll() is not None or time.monotonic() > until or isinstance(error, urllib.error.HTTPError):
                 raise MclError(f"rerun's viewer for browsers cannot be had from its program: {error}") from error
             time.sleep(0.1)
+
+
+def _listens(host: str, port: int, patience: float) -> bool:
+    try:
+        with socket.create_connection((host, port), timeout=patience):
+            return True
+    except OSError:
+        return False
+
+
+def _reason(said: bytes) -> str:
+    """The last line that names an error, without the colours of a terminal."""
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", said.decode("utf-8", "replace")).splitlines()
+    telling = [line.strip() for line in lines if "error" in line.lower()] or [line.strip() for line in lines] or [""]
+    return telling[-1][:200] or "it said nothing"
 
 
 def _free_port() -> int:

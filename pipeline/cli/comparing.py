@@ -1,0 +1,93 @@
+"""Commands about several runs: compare, view."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.cli.lines import columns
+from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption
+
+LISTED = 12
+"""Stretches that are listed."""
+
+
+def compare(
+    a: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of a run, or its run.rrd.")],
+    b: Annotated[Path, typer.Argument(metavar="RUN_B", help="Another one.")],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="BOTH.rrd", help="Write a recording that shows both, on one time line."),
+    ] = None,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Tell how two runs differ and where they part."""
+    from pipeline.compare import compare as compare_runs
+    from pipeline.compare import record
+    from pipeline.export.run import read_run
+
+    runs = (read_run(a), read_run(b))
+    found = compare_runs(*runs)
+    if output is not None:
+        record(runs, output, force=force)
+    if as_json:
+        console.emit_json(found.to_dict())
+    else:
+        console.result(columns("figures", found.figure_rows(), ("", "A", "B")))
+        if found.config:
+            console.result(columns("parameters that differ", found.config_rows(), ("", "A", "B")))
+        else:
+            console.result("parameters\n  all alike")
+        if not found.common:
+            console.result("estimates\n  no scan has the same stamp in both")
+        elif not found.apart:
+            console.result(f"estimates\n  never apart; at most {found.distances.max():.3f} m in {found.common:,} scans")
+        else:
+            more = f"; of {len(found.apart)} stretches the first {LISTED}" if len(found.apart) > LISTED else ""
+            title = f"estimates are apart, by more than 0.5 m or 10 deg ({found.common:,} common scans{more})"
+            console.result(columns(title, found.apart_rows()[:LISTED]))
+        if not found.same_log:
+            console.note("note: the runs are of different logs")
+        if not found.same_map:
+            console.note("note: the runs are on different maps")
+    if output is not None:
+        (console.note if as_json else console.result)(str(output))
+
+
+def view(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd.")],
+    connect: ConnectOption = None,
+) -> None:
+    """Show a run in rerun's viewer, several on one time line."""
+    from pipeline.recording import viewer
+
+    if connect is not None:
+        viewer.check_address(connect)
+    with tempfile.TemporaryDirectory() as folder:
+        path = _one(runs, Path(folder))
+        if connect is None:
+            viewer.show(path)
+        else:
+            viewer.send(path, connect)
+
+
+def _one(runs: list[Path], folder: Path) -> Path:
+    """The recording of the run, or one of them all, in ``folder``."""
+    if len(runs) == 1:
+        from pipeline.inspect import open_recording
+
+        path, file = open_recording(runs[0])
+        if file.damage:
+            console.note(f"note: {path}: {file.damage}")
+        return path
+    from pipeline.compare import record
+    from pipeline.export.run import read_run
+
+    path = folder / "runs.rrd"
+    record([read_run(run) for run in runs], path)
+    return path

@@ -1,0 +1,163 @@
+"""One recording that shows several runs on the same time line: each on its own map, and all of them on one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from string import ascii_uppercase
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from pipeline.errors import MclError
+from pipeline.recording import entities, palette
+from pipeline.recording.blueprint import ASPECT, Area, curves, known_area, looking_down, map_views, so_far
+from pipeline.recording.columns import segments, timelines, transforms
+from pipeline.recording.rrd_file import RrdFile
+from pipeline.recording.scenes import CURVES, Scenes
+
+MOST = len(ascii_uppercase)
+ALL = "/all"
+DISTANCE = "/apart/distance"
+_ESTIMATE_HEIGHT = 0.1
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A run to be shown: what it is called, its chunks, and what they draw."""
+
+    name: str
+    file: RrdFile
+    scenes: Scenes
+
+
+def letters(count: int) -> list[str]:
+    """What so many runs are called: A, B, ..."""
+    return list(ascii_uppercase[:count])
+
+
+def write_side_by_side(
+    path: Path,
+    runs: Sequence[Shown],
+    *,
+    apart: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None,
+) -> None:
+    """Write the recording; ``apart``: how far the first two runs are from each other, (scans, times s, distances m).
+
+    Raises MclError if there are too many runs, or if the file exists already.
+    """
+    if len(runs) > MOST:
+        raise MclError(f"at most {MOST} runs fit into one picture, {len(runs)} were given")
+    if path.exists():
+        raise MclError("this recording exists already and is never overwritten", path=path)
+    rr.set_strict_mode(True)
+    ids = "-".join(run.file.recording_id for run in runs)
+    stream = rr.RecordingStream(entities.SEVERAL_ID, recording_id=f"side-by-side-{ids}"[:200])
+    stream.set_log_time_enabled(False)
+    one_map = all(_same_map(run.scenes, runs[0].scenes) for run in runs)
+    stream.save(path, default_blueprint=_blueprint(runs, one_map, apart is not None))
+    for letter, run, colour in zip(letters(len(runs)), runs, _colours(len(runs)), strict=True):
+        stream.send_chunks(_below(f"/{letter}", run.file))
+        for entity in CURVES.values():
+            lines = rr.SeriesLines(colors=colour, names=f"{letter}: {run.name}", widths=1.5)
+            stream.log(f"/{letter}{entity}", lines, static=True)
+        if one_map:
+            _log_overlay(stream, letter, run.scenes, colour)
+    if apart is not None:
+        scans, times, distances = apart
+        stream.log(DISTANCE, rr.SeriesLines(colors=palette.ESTIMATE, names="A to B, m", widths=1.5), static=True)
+        stream.send_columns(DISTANCE, timelines(scans, times), rr.Scalars.columns(scalars=distances))
+    stream.flush()
+    stream.disconnect()
+
+
+def _below(place: str, file: RrdFile) -> list[object]:
+    """The chunks of a run, moved; but for its curves' styles, which give every run the same colours."""
+    return [
+        chunk.with_entity_path(place + chunk.entity_path)
+        for chunk in file.chunks
+        if not chunk.entity_path.startswith(("/__", entities.TIMINGS))
+        and not (chunk.is_static and chunk.entity_path in CURVES.values())
+    ]
+
+
+def _same_map(a: Scenes, b: Scenes) -> bool:
+    return (
+        a.shades.shape == b.shades.shape
+        and bool((a.shades == b.shades).all())
+        and (a.grid.origin, a.grid.resolution) == (b.grid.origin, b.grid.resolution)
+    )
+
+
+def _log_overlay(stream: rr.RecordingStream, letter: str, scenes: Scenes, colour: palette.Colour) -> None:
+    index = timelines(scenes.scans, scenes.times)
+    turn = np.linspace(0.0, 2 * np.pi, 33)
+    ring = 0.3 * np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
+    thick = rr.Radius.ui_points(1.5)
+    stream.send_columns(f"{ALL}/{letter}/path", index, segments(scenes.estimates, z=0.03, joined=scenes.joined))
+    stream.log(f"{ALL}/{letter}/path", rr.LineStrips3D.from_fields(radii=thick, colors=colour), static=True)
+    stream.send_columns(f"{ALL}/{letter}/robot", index, transforms(scenes.estimates, z=_ESTIMATE_HEIGHT))
+    stream.log(f"{ALL}/{letter}/robot/body", rr.LineStrips3D([ring], radii=thick, colors=colour), static=True)
+    arrow = rr.Arrows3D(vectors=[[1.0, 0.0, 0.0]], radii=thick, colors=colour, labels=[letter], show_labels=True)
+    stream.log(f"{ALL}/{letter}/robot/heading", arrow, static=True)
+
+
+def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Blueprint:
+    called = letters(len(runs))
+    areas = [known_area(run.scenes.grid) for run in runs]
+    columns, aspect = _columns(areas)
+    maps: list[rrb.View | rrb.Container] = [
+        map_views(area, below=f"/{letter}", name=f"{letter}: {run.name}", aspect=aspect)[0]
+        for letter, run, area in zip(called, runs, areas, strict=True)
+    ]
+    tabs: list[rrb.View | rrb.Container] = [rrb.Grid(*maps, grid_columns=columns, name="Side by side")]
+    if one_map:
+        tabs.append(
+            rrb.Spatial3DView(
+                origin="/",
+                name="On one map",
+                contents=[f"{ALL}/**", f"/{called[0]}{entities.MAP}", f"/{called[0]}{entities.TRUTH_PATH}"],
+                eye_controls=looking_down(areas[0]),
+                line_grid=False,
+                background=palette.UNKNOWN,
+                overrides={f"{ALL}/{letter}/path": so_far() for letter in called},
+            )
+        )
+    beside = [
+        *([curves("Distance between the estimates, m", DISTANCE)] if apart else []),
+        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in called)),
+        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in called)),
+        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in called)),
+    ]
+    events = rrb.TextLogView(
+        name="Events",
+        contents=[f"/{letter}{entities.EVENTS}" for letter in called],
+        columns=rrb.TextLogColumns(
+            timeline_columns=[entities.TIME], text_log_columns=["entitypath", "loglevel", "body"]
+        ),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(rrb.Tabs(*tabs, active_tab=0), events, row_shares=[5, 1]),
+            rrb.Vertical(*beside),
+            column_shares=[5, 2],
+        ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused", playback_speed=4.0),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _columns(areas: Sequence[Area]) -> tuple[int, float]:
+    """In how many columns the maps are seen largest, and the width over height of each view then."""
+    shapes = [(columns, ASPECT * -(-len(areas) // columns) / columns) for columns in range(1, len(areas) + 1)]
+    return min(shapes, key=lambda shape: max(area.eye_height(shape[1]) for area in areas))
+
+
+def _colours(count: int) -> list[palette.Colour]:
+    return [palette.RUNS[k % len(palette.RUNS)] for k in range(count)]

@@ -1,0 +1,141 @@
+"""Two runs beside each other: what differs, when they part, and one recording of both."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+sys.path.insert(0, str(Path(__file__).parent / "recording"))
+
+from synthetic import drive, steps
+
+from pipeline.cli import app
+from pipeline.compare import compare, figures, table
+from pipeline.config import Config
+from pipeline.errors import MclError
+from pipeline.export.run import read_run
+from pipeline.recording.rerun_sink import RerunSink
+from pipeline.recording.rrd_file import read_rrd
+from pipeline.recording.side_by_side import Shown, write_side_by_side
+
+
+def write(path, *, seed=0, noise=0, log=None, **parameters):
+    log = log or drive(150)
+    with RerunSink(path, log=log, config=Config(**parameters), seed=seed) as sink:
+        for step in steps(log, 30, seed=noise):
+            sink.log(step)
+        sink.finish({"converged_at": 9.2, "timings": {"start": 0.5, "filter": 1.5}})
+    return path
+
+
+@pytest.fixture(scope="module")
+def paths(tmp_path_factory):
+    """The same log twice, with other parameters and other noise; and another log."""
+    folder = tmp_path_factory.mktemp("runs")
+    return (
+        write(folder / "a.rrd", sigma_hit=0.1),
+        write(folder / "b.rrd", sigma_hit=0.3, max_particles=5000, seed=4, noise=1),
+        write(folder / "c.rrd", log=replace(drive(80, truth=False, start=5), sha256="1" * 64)),
+    )
+
+
+@pytest.fixture(scope="module")
+def runs(paths):
+    return tuple(read_run(path) for path in paths)
+
+
+@pytest.fixture
+def typed():
+    return lambda *args: CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def test_figures_are_those_of_the_run(runs):
+    found = figures(runs[0])
+    told, truth = runs[0].told, runs[0].scenes.truth
+    error = np.hypot(*(told.poses[:, :2] - truth[:, :2]).T)
+    assert (found.scans, found.seed, found.lost, found.found, found.wall) == (150, 0, 1, 0, 2.0)
+    assert found.converged_at == told.converged_at
+    assert found.error == pytest.approx(np.median(error[told.times >= told.converged_at]))
+    assert found.end_error == pytest.approx(error[-1])
+    assert figures(runs[2]).error is None
+
+
+def test_a_run_is_never_apart_from_itself(runs):
+    found = compare(runs[0], runs[0])
+    assert (found.apart, found.config, found.same_log, found.same_map) == ((), {}, True, True)
+    assert found.common == 150
+    assert not found.distances.any()
+
+
+def test_parameters_that_differ_are_named(runs):
+    found = compare(runs[0], runs[1])
+    assert found.config == {"sigma_hit": (0.1, 0.3), "max_particles": (Config().max_particles, 5000)}
+
+
+def test_it_is_known_when_and_how_far_they_part(runs):
+    a = runs[0]
+    poses = a.told.poses.copy()
+    poses[40:60, 0] += np.linspace(2.0, 5.0, 20)
+    poses[100:, 2] += np.deg2rad(30.0)
+    b = replace(a, told=replace(a.told, poses=poses))
+    first, second = compare(a, b).apart
+    assert (first.begin, first.end) == (a.told.times[40], a.told.times[59])
+    assert (first.distance, first.most) == (pytest.approx(2.0), pytest.approx(5.0))
+    assert (second.begin, second.end) == (a.told.times[100], a.told.times[149])
+    assert np.rad2deg(second.turn) == pytest.approx(30.0)
+
+
+def test_logs_without_a_common_stamp_can_be_compared(runs):
+    found = compare(runs[0], runs[2])
+    assert (found.common, found.apart, found.same_log) == (0, (), False)
+    json.dumps(found.to_dict())
+
+
+def test_a_table_has_a_row_per_run_and_what_differs(runs):
+    headings, rows = table(runs, ["a", "b", "c"])
+    assert headings[:3] == ("run", "log", "seed")
+    assert {"sigma_hit", "max_particles", "error", "converged"} <= set(headings)
+    assert [row[headings.index("sigma_hit")] for row in rows] == ["0.1", "0.3", f"{Config().sigma_hit:g}"]
+    assert rows[2][headings.index("error")] == "-"
+
+
+def test_one_recording_shows_both(runs, tmp_path):
+    path = tmp_path / "both.rrd"
+    write_side_by_side(path, [Shown(run.name, run.file, run.scenes) for run in runs[:2]], apart=None)
+    there = {chunk.entity_path for chunk in read_rrd(path).chunks}
+    assert {"/A/world/particles", "/B/world/particles", "/A/world/map", "/all/A/path", "/all/B/robot"} <= there
+    assert not any("timings" in entity for entity in there)
+    with pytest.raises(MclError, match="exists already"):
+        write_side_by_side(path, [], apart=None)
+
+
+def test_different_maps_are_not_laid_over_each_other(runs, tmp_path):
+    other = read_run(write(tmp_path / "d.rrd", log=drive(20, origin=(5.0, 0.0, 0.0))))
+    shown = [Shown(run.name, run.file, run.scenes) for run in (runs[0], other)]
+    write_side_by_side(tmp_path / "both.rrd", shown, apart=None)
+    assert not any(chunk.entity_path.startswith("/all") for chunk in read_rrd(tmp_path / "both.rrd").chunks)
+
+
+def test_compare_as_it_is_typed(typed, paths, tmp_path):
+    done = typed("compare", paths[0], paths[1], "-o", tmp_path / "both.rrd")
+    assert done.exit_code == 0
+    assert done.stdout.splitlines()[-1] == str(tmp_path / "both.rrd")
+    assert "sigma_hit" in done.stdout
+    assert "/apart/distance" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}
+    again = typed("compare", paths[0], paths[1], "-o", tmp_path / "both.rrd")
+    assert (again.exit_code, "exists already" in again.stderr) == (1, True)
+    told = json.loads(typed("compare", paths[0], paths[2], "--json").stdout)
+    assert (told["common_scans"], told["same_log"]) == (0, False)
+
+
+def test_inspect_of_several_runs_is_a_table(typed, paths):
+    done = typed("inspect", *paths)
+    assert done.exit_code == 0
+    assert [line.split()[0] for line in done.stdout.splitlines()[2:]] == [str(path) for path in paths]
+    told = json.loads(typed("inspect", "--json", *paths).stdout)
+    assert [row["config"]["sigma_hit"] for row in told] == [0.1, 0.3, Config().sigma_hit]
+    assert typed("inspect", *paths, "--at", "3").exit_code == 2
