@@ -13,6 +13,7 @@ import numpy as np
 from numba import prange
 
 from pipeline.kernels import inline, kernel, paired
+from pipeline.kernels.memory import prefetch
 
 
 @inline
@@ -29,27 +30,115 @@ def table_place(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headin
     return row_of_cell[np.int32(fy), np.int32(fx)], heading
 
 
-@paired
-def score(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, rows, offsets,
-          log_likelihood, outside, out):  # fmt: skip
-    """Log-likelihood of the scan at every particle.
+BLOCK = 2048
+"""Particles that are looked at together: what is kept of them fits the first cache beside a scan's likelihoods."""
+AHEAD = 16
+"""So many places ahead the rows of the table are asked for: as long as memory takes to answer."""
+LINE = 64
+"""Bytes that memory hands over at a time."""
+NOWHERE = np.uint32(0xFFFFFFFF)
+"""The place of a pose in a wall or off the map."""
 
-    ``x, y, theta`` (n,) float32 m, m, rad, grid frame; ``laser_*`` float32 m, rad on the robot; ``row_of_cell``
-    (height, width) int32, -1 where no laser can be; ``offsets`` (k,) int32 heading of each beam relative to the
-    laser's; ``outside``: log-likelihood of a pose in a wall or off the map -> ``out`` (n,) float32.
+
+@inline
+def find_places(
+    x, y, theta, first, last, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, width, places
+):
+    """``places`` (BLOCK,) uint32: index into the flat table at which each of the particles ``first`` to ``last`` looks.
+
+    Nothing here depends on what is read, so that the processor waits for many cells of the map at a time.
     """
-    beams = offsets.shape[0]
-    for i in prange(x.shape[0]):
+    for i in range(first, last):
         row, heading = table_place(
             x[i], y[i], theta[i], laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell
         )
-        if row < 0:
-            out[i] = outside
-            continue
-        total = np.float32(0.0)
+        places[i - first] = np.uint32(np.int64(row) * width + heading) if row >= 0 else NOWHERE
+
+
+@inline
+def each_once(places, n, which, slots):
+    """Moves the different ones of n > 0 ``places`` to their front: how many. ``which`` (n,) int32: each particle's.
+
+    ``slots`` (power of two,) int32: where a place was last seen. A place that another one has pushed out of its slot is
+    listed twice, which costs time and changes nothing. Without branches: which place comes next cannot be foretold.
+    """
+    mask = np.uint32(slots.shape[0] - 1)
+    slots[:] = 0
+    m = 0
+    for i in range(n):
+        place = places[i]
+        slot = ((place * np.uint32(0x9E3779B1)) >> np.uint32(16)) & mask
+        seen = slots[slot]
+        same = (places[seen] == place) & (m > 0)
+        at = seen if same else m
+        places[at] = place
+        slots[slot] = at
+        which[i] = at
+        m += not same
+    return m
+
+
+@inline
+def score_places(places, m, table, offsets, log_likelihood, outside, scores):
+    """``scores`` (m,) float32: the sum over beams at each of ``places`` (m,), four at a time.
+
+    One sum waits for its own last addition; four do not wait for each other, and share what is read of the beam. Each
+    is added up in the order of the beams, whoever its neighbours are.
+    """
+    beams = offsets.shape[0]
+    reach = np.int64(offsets.max()) + 1
+    likelihood = log_likelihood.reshape(-1)
+    for j in range(min(AHEAD, m)):
+        for byte in range(0, reach, LINE):
+            prefetch(table, np.int64(places[j]) + byte)
+    for j in range(0, m, 4):
+        for ahead in range(j + AHEAD, min(j + AHEAD + 4, m)):
+            for byte in range(0, reach, LINE):
+                prefetch(table, np.int64(places[ahead]) + byte)
+        j1, j2, j3 = min(j + 1, m - 1), min(j + 2, m - 1), min(j + 3, m - 1)
+        p0, p1, p2, p3 = inside(places[j]), inside(places[j1]), inside(places[j2]), inside(places[j3])
+        s0 = s1 = s2 = s3 = np.float32(0.0)
         for k in range(beams):
-            total += log_likelihood[k, rows[row, heading + offsets[k]]]
-        out[i] = total
+            # Unsigned, so that no index is asked whether it counts from the end.
+            at, beam = np.uint64(offsets[k]), np.uint64(k) * np.uint64(256)
+            s0 += likelihood[beam + np.uint64(table[p0 + at])]
+            s1 += likelihood[beam + np.uint64(table[p1 + at])]
+            s2 += likelihood[beam + np.uint64(table[p2 + at])]
+            s3 += likelihood[beam + np.uint64(table[p3 + at])]
+        scores[j], scores[j1], scores[j2], scores[j3] = s0, s1, s2, s3
+    for j in range(m):
+        if places[j] == NOWHERE:
+            scores[j] = outside
+
+
+@inline
+def inside(place):
+    """A place to read at, whatever becomes of it: NOWHERE is none."""
+    return np.uint64(place) if place != NOWHERE else np.uint64(0)
+
+
+@paired
+def score(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, rows, offsets,
+          log_likelihood, outside, out):  # fmt: skip
+    """Log-likelihood of the scan at every particle; those of a block that share cell and heading are scored once.
+
+    ``x, y, theta`` (n,) float32 m, m, rad, grid frame; ``laser_*`` float32 m, rad on the robot; ``row_of_cell``
+    (height, width) int32, -1 where no laser can be; ``offsets`` (k,) int32, k > 0, heading of each beam relative to the
+    laser's; ``outside``: log-likelihood of a pose in a wall or off the map -> ``out`` (n,) float32.
+    """
+    n = x.shape[0]
+    width = np.int64(rows.shape[1])
+    table = rows.reshape(-1)
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        first, last = b * BLOCK, min((b + 1) * BLOCK, n)
+        places, scores = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.float32)
+        which, slots = np.empty(BLOCK, np.int32), np.empty(2 * BLOCK, np.int32)
+        find_places(x, y, theta, first, last, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell,
+                    width, places)  # fmt: skip
+        m = each_once(places, last - first, which, slots)
+        score_places(places, m, table, offsets, log_likelihood, outside, scores)
+        for i in range(first, last):
+            out[i] = scores[which[i - first]]
 
 
 @paired
