@@ -56,7 +56,7 @@ class Config(BaseModel):
     alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")
     alpha4: NonNegative = Field(0.002, description="Variance of translation from rotation, m^2/rad^2.")
     slip: Fraction = Field(
-        0.1, description="Share of moves with fifteen times the deviation, when few beams are explained: wheels slip."
+        0.1, description="Share of drives with fifteen times the deviation, while few beams are explained: wheels slip."
     )
 
     # --- which beams are used ----------------------------------------------------------------------------

@@ -64,8 +64,9 @@ class Particles:
     def predict(self, motion: OdometryMotion, key: np.uint64, slipping: bool = False) -> None:
         """Every particle drives as the odometry says, each with noise of its own (Table 5.6), or with more."""
         m = motion
-        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._slipping if slipping else self._quantiles)
-        move(30 * self.n, *self.poses, m.rot1, m.trans, m.rot2, *noise)
+        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles)
+        drives = self._slipping if slipping else self._quantiles
+        move(30 * self.n, *self.poses, m.rot1, m.trans, m.rot2, *noise, drives)
 
     def weigh(self, temper: float) -> float:
         """Every particle gains its tempered log-likelihood; then the weights sum to one again.

@@ -31,10 +31,10 @@ MOST_RIVALS = 24
 """How many are followed at a time. Those far behind soon go."""
 DRAWS = 20_000
 """Poses drawn from a search, among which the rivals are the densest."""
-MARGIN = 9.5
+MARGIN = 10.5
 """Nats: a rival takes the belief's place when its lead over the belief and its lead over every other rival add up
 to this. Where the map is wrong many rivals are ahead of a right belief, by up to 7, but none stands out."""
-HOPELESS = 8.0
+HOPELESS = 12.0
 """Nats behind the best contender at which a rival is given up."""
 SETTLED = 0.9
 """Weight of the best hypothesis from which on the belief is at one place."""
@@ -119,6 +119,8 @@ class Recovery:
         return self._explained is not None and self._explained < DOUBTFUL and scan.time - self._searched >= RESPITE
 
     def _add(self, draws: NDArray[np.float32], taken: NDArray[np.float64], scan: Scan) -> None:
+        """Half of the places are for newcomers; the best of those that were followed keep the rest."""
+        self._keep(1 + np.argsort(-self._evidence.leads()[1:], kind="stable")[: MOST_RIVALS // 2])
         self._evidence.admit(self.rivals.find(draws, taken, MOST_RIVALS - len(self.rivals), scan.time))
         self._searched = scan.time
 
@@ -161,10 +163,14 @@ class Recovery:
                 belief_row = row if leads[row] > leads[belief_row] else belief_row
                 continue
             kept.append(row)
-        self.rivals.keep(np.array(kept, np.int64) - 1)
-        self._evidence.keep(np.array([belief_row, *kept]))
+        self._keep(np.array(kept, np.int64), belief_row)
         if not kept:
             self._evidence = Evidence()
+
+    def _keep(self, rows: NDArray[np.int64], belief_row: int = 0) -> None:
+        """Of the contenders only these rivals stay, and the belief with the account ``belief_row``."""
+        self.rivals.keep(rows - 1)
+        self._evidence.keep(np.append(belief_row, rows))
 
     def _add_random(self, belief: Belief, scan: int) -> None:
         share = min(0.99, max(0.0, 1.0 - self._fast / self._slow)) if self._slow > 0.0 else 0.0

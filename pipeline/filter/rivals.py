@@ -82,7 +82,8 @@ class Rivals:
             self.particles[:, row] = self.particles[:, row, survivors]
             self.weights[row] = 1.0 / EACH
         m, flat = motion, self.particles.reshape(3, -1)
-        noise = (m.std_rot1, m.std_trans, m.std_rot2, stream_key(self._seed, scan, self._stream + 2), self._quantiles)
+        key = stream_key(self._seed, scan, self._stream + 2)
+        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles, self._quantiles)
         move(30 * flat.shape[1], *flat, m.rot1, m.trans, m.rot2, *noise)
         log_likelihood = np.empty(flat.shape[1], np.float32)
         self._sensor.score(flat, reading, log_likelihood)

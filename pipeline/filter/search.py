@@ -78,7 +78,10 @@ class Search:
         drawn = np.flatnonzero(draws)
         first = np.concatenate([[0], np.cumsum(draws[drawn])])
         cell, heading = np.empty(n, np.int32), np.empty(n, np.int32)
-        exhaustive.draw_headings(len(drawn) * work, rows[drawn], first, *table, *beams, *self._place, cell, heading)
+        turns = key + np.uint64(2)
+        exhaustive.draw_headings(
+            len(drawn) * work, rows[drawn], first, *table, *beams, *self._place, cell, heading, turns
+        )
         return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best * np.float32(temper))
 
     def _poses(self, cell: NDArray[np.int32], heading: NDArray[np.int32], key: np.uint64) -> NDArray[np.float32]:

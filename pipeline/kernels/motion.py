@@ -16,16 +16,17 @@ _HALF_TURN = np.float32(math.pi)
 
 
 @paired
-def move(x, y, theta, rot1, trans, rot2, std1, std_t, std2, key, quantiles):
+def move(x, y, theta, rot1, trans, rot2, std1, std_t, std2, key, quantiles, drives):
     """Each particle turns by rot1, drives trans, turns by rot2, each with Gaussian noise of its own; in place.
 
     ``x, y, theta`` (n,) float32, grid frame (m, rad); ``rot*``, ``trans`` and their standard deviations in rad and m;
-    ``key`` of the random stream; ``quantiles`` (65536,) float32 of the standard normal. theta stays in [-pi, pi).
+    ``key`` of the random stream; ``quantiles`` (65536,) float32 of the standard normal, ``drives`` (65536,) of the
+    noise of trans. theta stays in [-pi, pi).
     """
     for i in prange(x.shape[0]):
         bits = random_bits(key, i)
         turn = theta[i] + np.float32(rot1 + std1 * quantiles[bits & _LOW16])
-        drive = np.float32(trans + std_t * quantiles[(bits >> _S16) & _LOW16])
+        drive = np.float32(trans + std_t * drives[(bits >> _S16) & _LOW16])
         heading = turn + np.float32(rot2 + std2 * quantiles[(bits >> _S32) & _LOW16])
         x[i] += drive * np.float32(math.cos(turn))
         y[i] += drive * np.float32(math.sin(turn))

@@ -23,9 +23,9 @@ def _wrapped(angle):
 def draw_predecessors(x, y, theta, weights, at, moved, std, jump, key, chosen):
     """For each trajectory at its pose ``at`` (m, 3), draw the particle one update earlier that it came from.
 
-    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (3,): dx, dy, dtheta of the odometry as seen from
-    the earlier pose; ``std`` (3,): deviations along, across and in heading; ``jump``: density of coming from anywhere,
-    as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
+    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (3,): dx, dy, dtheta of the
+    odometry as seen from the earlier pose; ``std`` (3,): deviations along, across and in heading; ``jump``: density of
+    coming from anywhere, as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
     """
     n = x.shape[0]
     cos, sin = np.cos(theta), np.sin(theta)

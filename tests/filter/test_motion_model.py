@@ -34,7 +34,7 @@ def drawn(start, before, after, config: Config, n: int = 1, key: int = 5) -> np.
     m = odometry_motion(np.asarray(before, float), np.asarray(after, float), config)
     x, y, theta = np.repeat(np.asarray(start, np.float32)[:, None], n, axis=1)
     std = m.std_rot1, m.std_trans, m.std_rot2
-    move(0, x, y, theta, m.rot1, m.trans, m.rot2, *std, stream_key(key, 1, 1), QUANTILES)
+    move(0, x, y, theta, m.rot1, m.trans, m.rot2, *std, stream_key(key, 1, 1), QUANTILES, QUANTILES)
     return np.column_stack([x, y, theta]).astype(float)
 
 

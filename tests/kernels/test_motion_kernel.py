@@ -19,7 +19,7 @@ QUANTILES = normal_quantiles()
 def moved(poses, motion, std, key, *, work: int = 0) -> np.ndarray:
     x, y, theta = np.ascontiguousarray(np.asarray(poses, np.float32).T)
     rot1, trans, rot2 = (float(v) for v in motion)
-    move(work, x, y, theta, rot1, trans, rot2, *(float(s) for s in std), key, QUANTILES)
+    move(work, x, y, theta, rot1, trans, rot2, *(float(s) for s in std), key, QUANTILES, QUANTILES)
     return np.column_stack([x, y, theta])
 
 
