@@ -7,7 +7,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help setup demo test lint format bench clean
+.PHONY: help setup demo test lint format bench pictures clean
 .DEFAULT_GOAL := help
 
 help:  ## Show what can be made
@@ -40,6 +40,9 @@ format: $(INSTALLED)  ## Mend style where a tool can
 
 bench: $(INSTALLED)  ## Measure speed
 	$(BIN)/mcl bench
+
+pictures: $(INSTALLED)  ## Take the documentation's pictures again, in the headless viewer (needs a Vulkan driver)
+	$(BIN)/python docs/pictures.py
 
 clean:  ## Remove caches and built files; recordings and .venv stay
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks build dist

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from pipeline.errors import MclError
 from pipeline.evaluate.metrics import pose_errors
 from pipeline.export.files import refuse_existing, replacing
 from pipeline.export.run import Run
+
+if TYPE_CHECKING:
+    from pipeline.recording.side_by_side import Apart, Shown
 
 APART = 0.5
 """Metres between two estimates from which on they are said to part."""
@@ -192,20 +195,43 @@ def table(runs: Sequence[Run], names: Sequence[str]) -> tuple[tuple[str, ...], l
 
 
 def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:
-    """Write one recording that shows the runs on the same time line. Raises MclError as `write_side_by_side`, or if
-    ``output`` exists and ``force`` does not say to replace it."""
-    from pipeline.recording.side_by_side import Shown, write_side_by_side
+    """Write one recording that shows the runs on the same time line; of one run a whole copy, whatever its damage.
+
+    Raises MclError as `write_side_by_side`, or if ``output`` exists and ``force`` does not say to replace it.
+    """
+    from pipeline.recording.side_by_side import write_run, write_side_by_side
 
     refuse_existing(output, force)
     if not output.parent.is_dir():
         raise MclError("the folder to write to does not exist", path=output.parent)
-    apart = None
-    if len(runs) == 2:
-        found = compare(*runs)
-        apart = (found.scans, found.times, found.distances) if found.common else None
-    shown = [Shown(f"{run.name}, seed {run.seed}", run.file, run.scenes) for run in runs]
     with replacing(output) as partial:
-        write_side_by_side(partial, shown, apart=apart)
+        if len(runs) == 1:
+            write_run(partial, _to_show(runs)[0])
+        else:
+            write_side_by_side(partial, _to_show(runs), apart=_distance(runs))
+
+
+def send(runs: Sequence[Run], address: str) -> None:
+    """Show a run, or several side by side, in the viewer at ``address``. Raises MclError if it takes nothing."""
+    from pipeline.recording.side_by_side import send_run, send_side_by_side
+
+    if len(runs) == 1:
+        send_run(address, _to_show(runs)[0])
+    else:
+        send_side_by_side(address, _to_show(runs), apart=_distance(runs))
+
+
+def _to_show(runs: Sequence[Run]) -> list[Shown]:
+    from pipeline.recording.side_by_side import Shown
+
+    return [Shown(f"{run.name}, seed {run.seed}", run.file, run.scenes) for run in runs]
+
+
+def _distance(runs: Sequence[Run]) -> Apart | None:
+    if len(runs) != 2:
+        return None
+    found = compare(*runs)
+    return (found.scans, found.times, found.distances) if found.common else None
 
 
 def errors(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent / "recording"))
 from synthetic import drive, steps
 
 from pipeline.cli import app
-from pipeline.compare import compare, figures, table
+from pipeline.compare import compare, figures, record, table
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.export.run import read_run
@@ -111,6 +111,16 @@ def test_one_recording_shows_both(runs, tmp_path):
     assert not any("timings" in entity for entity in there)
     with pytest.raises(MclError, match="exists already"):
         write_side_by_side(path, [], apart=None)
+
+
+def test_a_whole_copy_of_a_damaged_recording_can_be_made(paths, tmp_path):
+    (tmp_path / "cut.rrd").write_bytes(paths[0].read_bytes()[:-40_000])
+    cut = read_run(tmp_path / "cut.rrd")
+    assert cut.told.damage
+    record([cut], tmp_path / "whole.rrd")
+    whole = read_run(tmp_path / "whole.rrd")
+    assert (whole.told.damage, whole.told.recording_id) == ("", cut.told.recording_id)
+    assert (whole.told.poses == cut.told.poses).all()
 
 
 def test_different_maps_are_not_laid_over_each_other(runs, tmp_path):

@@ -64,30 +64,22 @@ def view(
     connect: ConnectOption = None,
 ) -> None:
     """Show a run in rerun's viewer, several on one time line."""
+    from pipeline.compare import record, send
+    from pipeline.export.run import read_run
     from pipeline.recording import viewer
 
     if connect is not None:
         viewer.check_address(connect)
+    read = [read_run(run) for run in runs]
+    for run in read:
+        if run.told.damage:
+            console.note(f"note: {run.told.path}: {run.told.damage}")
+    if connect is not None:
+        send(read, connect)
+        return
     with tempfile.TemporaryDirectory() as folder:
-        path = _one(runs, Path(folder))
-        if connect is None:
-            viewer.show(path)
-        else:
-            viewer.send(path, connect)
-
-
-def _one(runs: list[Path], folder: Path) -> Path:
-    """The recording of the run, or one of them all, in ``folder``."""
-    if len(runs) == 1:
-        from pipeline.inspect import open_recording
-
-        path, file = open_recording(runs[0])
-        if file.damage:
-            console.note(f"note: {path}: {file.damage}")
-        return path
-    from pipeline.compare import record
-    from pipeline.export.run import read_run
-
-    path = folder / "runs.rrd"
-    record([read_run(run) for run in runs], path)
-    return path
+        path = read[0].told.path
+        if len(read) > 1 or read[0].told.damage:  # the viewer refuses a file that was cut within a write
+            path = Path(folder) / "runs.rrd"
+            record(read, path)
+        viewer.show(path)

@@ -65,7 +65,7 @@ def batch_columns(frames: Sequence[Frame]) -> list[Columns]:
         *_beams(steps),
         (entities.ESTIMATE, transforms(np.stack([s.estimate.pose for s in steps]), z=0.1)),
         (entities.COVARIANCE, ellipses([(s.estimate,) for s in steps])),
-        (entities.HYPOTHESES, _hypotheses(steps)),
+        *_hypotheses(steps),
         (entities.PATH, _path(frames)),
         (entities.WEIGHTS, bar_charts(np.stack([f.bars for f in frames]))),
         (entities.WEIGHT_SHARE, bar_charts(np.stack([f.weight_bars for f in frames]))),
@@ -140,12 +140,17 @@ def _beams(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     ]
 
 
-def _hypotheses(steps: Sequence[Step]) -> list[Any]:
+def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     # A single hypothesis is the estimate itself, which has its ellipse already.
     clusters = [s.clusters if len(s.clusters) > 1 else () for s in steps]
     labels = [f"{100 * c.weight:.0f} %" for row in clusters for c in row]
     lengths = [len(row) for row in clusters]
-    return [*ellipses(clusters), *rr.Ellipsoids3D.columns(labels=labels).partition(lengths)]
+    places = _lift(np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2), 0.12)
+    return [
+        (entities.HYPOTHESES, [*ellipses(clusters), *rr.Ellipsoids3D.columns(labels=labels).partition(lengths)]),
+        # A label has the colour of what it belongs to; pink on grey cannot be read, so points carry them.
+        (entities.SHARES, list(rr.Points3D.columns(positions=places, labels=labels).partition(lengths))),
+    ]
 
 
 def _path(frames: Sequence[Frame]) -> list[Any]:

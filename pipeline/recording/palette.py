@@ -18,6 +18,7 @@ TRUTH: Colour = (0, 140, 100)
 HYPOTHESIS: Colour = (240, 110, 180)
 HINDSIGHT: Colour = (86, 180, 233)
 NEUTRAL: Colour = (130, 130, 130)
+LETTERING: Colour = (20, 20, 20)
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
 # Runs side by side: Okabe and Ito's, which every kind of colour vision tells apart.

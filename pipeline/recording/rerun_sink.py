@@ -275,7 +275,11 @@ class RerunSink:
         poses = np.stack([x, y, yaw], axis=-1)
         index = timelines(inside, self._log.times[inside])
         self._stream.send_columns(entities.TRUTH, index, transforms(poses, z=0.08))
-        self._stream.send_columns(entities.TRUTH_PATH, index, segments(poses, z=0.03))
+        # Where somebody carried the robot, the truth leaps and the odometry does not.
+        travelled = np.hypot(*np.diff(self._log.odometry[inside, :2], axis=0, prepend=np.nan).T)
+        leapt = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=np.nan).T)
+        path = segments(poses, z=0.03, joined=leapt <= travelled + JUMP)
+        self._stream.send_columns(entities.TRUTH_PATH, index, path)
 
 
 _NO_PARTICLES = np.empty((0, 3), dtype=np.float32)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_uppercase
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.recording import entities, palette
-from pipeline.recording.blueprint import ASPECT, Area, curves, known_area, looking_down, map_views, so_far
+from pipeline.recording.blueprint import ASPECT, Area, blueprint, curves, known_area, looking_down, map_views, so_far
 from pipeline.recording.columns import segments, timelines, transforms
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import CURVES, Scenes
+from pipeline.recording.viewer import check_address
 
 MOST = len(ascii_uppercase)
+Apart = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+"""How far the first two runs are from each other: scans (n,), times (n,) s, distances (n,) m."""
 ALL = "/all"
 DISTANCE = "/apart/distance"
 _ESTIMATE_HEIGHT = 0.1
@@ -39,26 +43,56 @@ def letters(count: int) -> list[str]:
     return list(ascii_uppercase[:count])
 
 
-def write_side_by_side(
-    path: Path,
-    runs: Sequence[Shown],
-    *,
-    apart: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None,
-) -> None:
-    """Write the recording; ``apart``: how far the first two runs are from each other, (scans, times s, distances m).
-
-    Raises MclError if there are too many runs, or if the file exists already.
-    """
-    if len(runs) > MOST:
-        raise MclError(f"at most {MOST} runs fit into one picture, {len(runs)} were given")
+def write_side_by_side(path: Path, runs: Sequence[Shown], *, apart: Apart | None) -> None:
+    """Write the recording. Raises MclError if there are too many runs, or if the file exists already."""
     if path.exists():
         raise MclError("this recording exists already and is never overwritten", path=path)
+    _fill(rr.FileSink(path), runs, apart)
+
+
+def send_side_by_side(address: str, runs: Sequence[Shown], *, apart: Apart | None) -> None:
+    """Show the runs in the viewer at ``address``. Raises MclError if there are too many, or if it takes nothing."""
+    _sending(address, lambda sink: _fill(sink, runs, apart))
+
+
+def send_run(address: str, run: Shown) -> None:
+    """Show one run as its own recording does in the viewer at ``address``. Raises MclError if it takes nothing."""
+    _sending(address, lambda sink: _fill_with_one(sink, run))
+
+
+def write_run(path: Path, run: Shown) -> None:
+    """Write a run's recording anew: a whole file of what could be read of a damaged one."""
+    _fill_with_one(rr.FileSink(path), run)
+
+
+def _fill_with_one(sink: Any, run: Shown) -> None:
+    rr.set_strict_mode(True)
+    stream = rr.RecordingStream(run.file.application_id, recording_id=run.file.recording_id)
+    stream.set_log_time_enabled(False)
+    # The layout goes ahead of the data: sent as a file's own part, the viewer now and then misses it.
+    stream.set_sinks(sink, default_blueprint=blueprint(run.scenes.grid))
+    stream.send_chunks(run.file.chunks)
+    _close(stream)
+
+
+def _sending(address: str, fill: Callable[[Any], None]) -> None:
+    rr.set_strict_mode(True)
+    check_address(address)
+    try:
+        fill(rr.GrpcSink(address))
+    except RuntimeError as error:
+        raise MclError(f"the viewer at {address} does not take it: {error}") from error
+
+
+def _fill(sink: Any, runs: Sequence[Shown], apart: Apart | None) -> None:
+    if len(runs) > MOST:
+        raise MclError(f"at most {MOST} runs fit into one picture, {len(runs)} were given")
     rr.set_strict_mode(True)
     ids = "-".join(run.file.recording_id for run in runs)
     stream = rr.RecordingStream(entities.SEVERAL_ID, recording_id=f"side-by-side-{ids}"[:200])
     stream.set_log_time_enabled(False)
     one_map = all(_same_map(run.scenes, runs[0].scenes) for run in runs)
-    stream.save(path, default_blueprint=_blueprint(runs, one_map, apart is not None))
+    stream.set_sinks(sink, default_blueprint=_blueprint(runs, one_map, apart is not None))
     for letter, run, colour in zip(letters(len(runs)), runs, _colours(len(runs)), strict=True):
         stream.send_chunks(_below(f"/{letter}", run.file))
         for entity in CURVES.values():
@@ -70,8 +104,14 @@ def write_side_by_side(
         scans, times, distances = apart
         stream.log(DISTANCE, rr.SeriesLines(colors=palette.ESTIMATE, names="A to B, m", widths=1.5), static=True)
         stream.send_columns(DISTANCE, timelines(scans, times), rr.Scalars.columns(scalars=distances))
-    stream.flush()
-    stream.disconnect()
+    _close(stream)
+
+
+def _close(stream: rr.RecordingStream) -> None:
+    try:
+        stream.flush()
+    finally:
+        stream.disconnect()
 
 
 def _below(place: str, file: RrdFile) -> list[object]:

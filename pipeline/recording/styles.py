@@ -23,8 +23,9 @@ def styles() -> dict[str, list[Any]]:
         entities.EXPECTED: [rr.Points3D.from_fields(radii=_dot, colors=palette.EXPECTED)],
         entities.COVARIANCE: [rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.ESTIMATE)],
         entities.HYPOTHESES: [
-            rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.HYPOTHESIS, show_labels=True)
+            rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.HYPOTHESIS, show_labels=False)
         ],
+        entities.SHARES: [rr.Points3D.from_fields(radii=_thin, colors=palette.LETTERING, show_labels=True)],
         entities.PATH: [rr.LineStrips3D.from_fields(radii=_thick, colors=palette.ESTIMATE)],
         entities.TRUTH_PATH: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.TRUTH)],
         **_robot(entities.ESTIMATE_BODY, entities.ESTIMATE_HEADING, palette.ESTIMATE),

@@ -82,26 +82,6 @@ def check_address(address: str) -> None:
         raise MclError(f"no viewer answers at {address}", "`rerun` opens one; it prints its address")
 
 
-def send(path: Path, address: str) -> None:
-    """Show a recording, with its layout, in the viewer at ``address``. Raises MclError if that does not work."""
-    import rerun as rr
-
-    from pipeline.recording.rrd_file import read_rrd
-
-    check_address(address)
-    file = read_rrd(path)
-    # Under the recording's own id: another one would stand in the viewer's list, empty.
-    stream = rr.RecordingStream(file.application_id, recording_id=file.recording_id)
-    try:
-        stream.connect_grpc(address)
-        stream.log_file_from_path(path)
-        stream.flush()
-    except Exception as error:
-        raise MclError(f"the viewer at {address} did not take it: {error}", path=path) from error
-    finally:
-        stream.disconnect()
-
-
 def web_files() -> tuple[str, bytes]:
     """The viewer for browsers: its JavaScript and its WebAssembly. They lie within the program, which serves them.
 

@@ -123,6 +123,22 @@ def test_other_hypotheses_carry_their_weight(record):
     assert labels[20] == ["60 %", "40 %"]
 
 
+def test_the_shares_can_be_read_whatever_the_ellipses_colour(record):
+    run = record(scans=150)
+    assert run.column(entities.SHARES, "Points3D:labels")[20] == ["60 %", "40 %"]
+    (colour,) = run.column(entities.SHARES, "Points3D:colors", static=True)
+    assert colour[0] >> 8 == int.from_bytes(bytes(palette.LETTERING), "big")
+
+
+def test_the_truth_is_not_joined_where_somebody_carried_the_robot(record):
+    log = drive(40)
+    poses = log.ground_truth.poses.copy()
+    poses[25:, 0] += 6.0
+    carried = dataclasses.replace(log, ground_truth=dataclasses.replace(log.ground_truth, poses=poses))
+    drawn = record(scans=40, log=carried).column(entities.TRUTH_PATH, "LineStrips3D:strips")
+    assert [k for k, segment in enumerate(drawn) if not segment] == [0, 25]
+
+
 def test_truth_is_drawn_where_it_is_known(record):
     with_truth, without = record("a.rrd", scans=20), record("b.rrd", log=drive(20, truth=False))
     drawn = np.array(with_truth.column(entities.TRUTH, "Transform3D:translation"))[:, 0, :2]

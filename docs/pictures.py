@@ -1,0 +1,102 @@
+"""Makes the pictures of the documentation: the embedded building in rerun's viewer, headless. `make pictures` runs it.
+
+It needs a Vulkan driver; one in software will do (Debian: libvulkan1 mesa-vulkan-drivers).
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from rerun.experimental import ViewerClient
+
+from converters import convert
+from pipeline.config import load_config
+from pipeline.inspect import inspect
+from pipeline.logs.reader import read_log
+from pipeline.recording.run_folder import create
+from pipeline.recording.viewer import program, quiet
+from pipeline.replay import replay
+from pipeline.simulate import sample_dir
+
+PICTURES = Path(__file__).with_name("pictures")
+CARRIED_OFF = (40.0, 60.0)
+SIZE = (1440, 782)
+TITLE_BAR = 38  # rows of the viewer's own window that say nothing about a run
+PATIENCE = 60.0
+HUES = 192  # of the 256 colours of a picture; the others are greys
+
+
+def main() -> None:
+    """Localize the sample, and the sample with half a minute missing; take a picture of what is worth one."""
+    sample = sample_dir()
+    with tempfile.TemporaryDirectory() as folder:
+        runs = {}
+        for name, drop in (("office", []), ("carried_off", [CARRIED_OFF])):
+            path = Path(folder) / f"{name}.mcap"
+            truth, grid = sample / "office_truth.tum", sample / "office.dat.gz"
+            convert([sample / "office.log.gz"], path, map_path=grid, ground_truth=truth, drop=drop)
+            run = create(name, Path(folder) / name)
+            replay(read_log(path), load_config(), run)
+            runs[name] = inspect(run.path)
+        whole, kidnapped = runs["office"], runs["carried_off"]
+        found = next((e.time for e in kidnapped.events if e.kind == "found" and e.time > CARRIED_OFF[1]), None)
+        moments = [
+            ("office", whole, 1.6),
+            ("converged", whole, (whole.converged_at or 5.0) + 1.0),
+            ("end", whole, whole.duration),
+            ("carried_off", kidnapped, CARRIED_OFF[1] + 1.5),
+            *([("found_again", kidnapped, found + 1.0)] if found else []),
+        ]
+        for name, run, at in moments:
+            take(run.path, at, PICTURES / f"{name}.png")
+            print(f"{name}: {run.pose_at(at).time:.1f} s")
+
+
+def take(recording: Path, at: float, picture: Path) -> None:
+    """What the viewer shows so many seconds after the first scan."""
+    os.environ |= quiet()
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    with ViewerClient.spawn(
+        headless=True, port=port, hide_welcome_screen=True, executable_path=str(program())
+    ) as viewer:
+        viewer.open(str(recording))
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until:
+            state = viewer.get_state()
+            if not state.loading and state.recordings and state.recordings[0].timelines and state.views:
+                break
+            time.sleep(0.2)
+        viewer.set_time("t", duration=at, play_state="paused")
+        time.sleep(3.0)  # until everything is drawn: the viewer says when it has loaded, not when it has drawn
+        raw = picture.with_suffix(".raw.png")
+        viewer.save_screenshot(str(raw.resolve()))
+    try:
+        shown = Image.open(raw).convert("RGB")
+        shown = shown.crop((0, TITLE_BAR, *shown.size)).resize(SIZE, Image.Resampling.LANCZOS)
+        shown.quantize(palette=colours(shown), dither=Image.Dither.NONE).save(picture, optimize=True)
+    finally:
+        raw.unlink()
+
+
+def colours(picture: Image.Image) -> Image.Image:
+    """A palette of the picture that has its hues, however few of its pixels have any: what is thin is what matters."""
+    pixels = np.asarray(picture).reshape(-1, 3)
+    bright = pixels[np.ptp(pixels, axis=1) > 40]
+    hues = Image.fromarray(bright[None]).quantize(HUES, dither=Image.Dither.NONE).getpalette() or []
+    greys = [level for level in np.linspace(0, 255, 256 - HUES).astype(int).tolist() for _ in range(3)]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*hues[: 3 * HUES], *greys])
+    return palette
+
+
+if __name__ == "__main__":
+    sys.exit(main())
