@@ -31,3 +31,17 @@ def test_a_log_of_wean_hall_comes_back_number_by_number(mcl: Command, shared_dat
     assert [row[0] for row in numbers] == [row[0] for row in theirs]
     assert all(list(map(float, a[1:])) == list(map(float, b[1:])) for a, b in zip(numbers, theirs, strict=True))
     assert Path(grid).read_bytes().split() == gzip.decompress((raw / "wean.dat.gz").read_bytes()).split()
+
+
+def test_a_robot_that_was_carried_off_is_found_again(mcl: Command, shared_data: Path, tmp_path: Path) -> None:
+    """Thirty seconds of log 2 are missing; the corridor looks the same every six metres."""
+    raw, log = shared_data / "cmu", tmp_path / "carried.mcap"
+    mcl("convert", raw / "robotdata2.log.gz", "--map", raw / "wean.dat.gz", "--drop", "30:60", "-o", log)
+    reference = raw / "reference" / "robotdata2.tum"
+    told = json.loads(mcl("evaluate", log, "--reference", reference, "--runs", 2, "--jobs", 1, "--json").stdout)
+    (found,) = told["logs"].values()
+    assert found["successes"] == 2
+    (recovery,) = found["recoveries"]
+    assert recovery["recovered"] == 2
+    assert recovery["time"]["median"] < 15.0
+    assert found["position_error"]["median"] < 0.2
