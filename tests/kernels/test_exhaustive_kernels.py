@@ -9,11 +9,17 @@ import pytest
 import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 
 from pipeline.kernels import exhaustive
 from pipeline.kernels.random import stream_key
 
 HEADINGS, TEMPER = 36, 0.3
+
+
+@njit
+def exponentiate(total, largest, temper):
+    return exhaustive.exponentiate(total, largest, temper)
 
 
 class World:
@@ -62,6 +68,16 @@ def test_cell_masses(seed: int) -> None:
             assert log_mass[row] == pytest.approx(expected, abs=1e-4)
     for one, all_threads in zip(*results, strict=True):
         np.testing.assert_array_equal(one, all_threads)
+
+
+def test_the_quick_exponential_is_good_enough() -> None:
+    nats = np.concatenate([-np.linspace(0, 70, 50_001), [-np.inf, -1e6]]).astype(np.float32)
+    quick = nats + np.float32(40.0)
+    mass = exponentiate(quick, np.float32(40.0), np.float32(0.7))
+    exact = np.exp(0.7 * nats.astype(float))
+    np.testing.assert_allclose(quick, exact, atol=5e-6)
+    assert (quick[-2:] == 0.0).all()
+    assert mass == pytest.approx(exact.sum(), rel=1e-5)
 
 
 def test_standing_rows() -> None:
