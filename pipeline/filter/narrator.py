@@ -66,8 +66,8 @@ class Narrator:
         if verdict is not None:
             self._lost = True
             here = f"{100 * verdict.explained:.0f} % of the beams fit here"
-            there = f"a place {verdict.distance:.0f} m away fits the last {verdict.since:.1f} s better"
-            text = f"Lost at {step.time:.1f} s: {here}, {there} by {verdict.lead:.1f} nats."
+            there = f"a place {verdict.distance:.0f} m away, followed for {verdict.since:.1f} s"
+            text = f"Lost at {step.time:.1f} s: {here}, but {there}, fits better by {verdict.lead:.1f} nats."
             events.append(Event("lost", text, "WARN"))
         if self._lost and step.estimate.weight > CONVERGED_WEIGHT:
             self._lost = False

@@ -25,6 +25,7 @@ DOUBTFUL = 0.65
 """Below this smoothed share rivals are looked for. Right poses explain 0.5 to 0.95 of the beams: people, open doors
 and rooms that the map lacks take the rest. So doubt is cheap and frequent; the evidence decides."""
 UNEXPLAINED = 0.45
+"""Below this one the wheels may have slipped, too."""
 RESPITE = 10.0
 """Seconds from one search to the next."""
 MOST_RIVALS = 24
@@ -33,12 +34,14 @@ DRAWS = 20_000
 """Poses drawn from a search, among which the rivals are the densest."""
 MARGIN = 10.5
 """Nats: a rival takes the belief's place when its lead over the belief and its lead over every other rival add up
-to this. Where the map is wrong many rivals are ahead of a right belief, by up to 7, but none stands out."""
+to this. Where the map is wrong many rivals are ahead of a right belief, by up to 7, but none
+stands out."""
 HOPELESS = 12.0
 """Nats behind the best contender at which a rival is given up."""
 SETTLED = 0.9
 """Weight of the best hypothesis from which on the belief is at one place."""
 STREAM = 16
+"""The first of the purposes of random numbers that belong to the recovery."""
 
 
 @dataclass(frozen=True)
