@@ -51,6 +51,8 @@ class Ragged:
 
     def at(self, rows: NDArray[np.int64]) -> Ragged:
         """These rows in this order; -1 becomes an empty row."""
+        if len(rows) == len(self) and (rows == np.arange(len(rows))).all():
+            return self
         lengths = np.where(rows >= 0, self.lengths[rows], 0) if len(self) else np.zeros(len(rows), np.int64)
         offsets = np.concatenate([[0], np.cumsum(lengths)])
         starts = np.repeat(self.offsets[rows] - offsets[:-1], lengths) if len(self) else np.empty(0, np.int64)
@@ -62,7 +64,7 @@ class Scenes:
     """n scans as they are drawn; metres and radians in the map frame.
 
     ``shades`` (height, width) uint8 of ``grid``, row 0 at the lowest y; ``scans`` (n,) and ``times`` (n,) s;
-    ``particles`` rows (m, 3), ``levels`` rows (m,) int, index into palette.WEIGHT_COLOURS;
+    ``particles`` rows (m, 3), ``levels`` rows (m,) uint8, index into palette.WEIGHT_COLOURS;
     ``estimates`` (n, 3); ``lasers`` (n, 3); ``measured``, ``no_return``, ``expected``: rows (k, 2), where beams end;
     ``ellipses`` and ``hypotheses``: rows (k, 5), x, y, half axes (2 sigma) and turn;
     ``labels``: the texts at a scan's hypotheses; ``joined`` (n,): the path goes on from the scan before;
@@ -226,13 +228,13 @@ def _yaw(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
     return quaternion_to_yaw(*quaternions.T.astype(np.float64))
 
 
-def _levels(colours: NDArray[np.uint32]) -> NDArray[np.int64]:
+def _levels(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
     """Index into palette.WEIGHT_COLOURS of packed RGBA."""
     rgb = palette.WEIGHT_COLOURS.astype(np.int64)
     packed = (rgb[:, 0] << 16) + (rgb[:, 1] << 8) + rgb[:, 2]
     order = np.argsort(packed)
-    at = np.searchsorted(packed[order], colours.astype(np.int64) >> 8)
-    return order[np.minimum(at, len(order) - 1)]
+    at = np.searchsorted(packed[order].astype(np.uint32), colours.astype(np.uint32) >> np.uint32(8))
+    return order.astype(np.uint8)[np.minimum(at, len(order) - 1)]
 
 
 def _map(table: pa.Table) -> tuple[OccupancyGrid, NDArray[np.uint8]]:

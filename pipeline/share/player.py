@@ -90,7 +90,8 @@ def packed(run: Run) -> tuple[dict[str, Any], bytes]:
         "log": run.name,
         "seed": run.seed,
         "damage": told.damage,
-        "events": [{"time": e.time, "level": e.level, "text": e.text} for e in told.events],
+        # How often it resamples is no event to somebody who watches; a curve shows it.
+        "events": [{"time": e.time, "level": e.level, "text": e.text} for e in told.events if e.kind != "resampled"],
         "labels": [list(row) for row in scenes.labels],
         "map": {
             "width": scenes.grid.width,
