@@ -76,7 +76,7 @@ class Hindsight:
             turn = float(np.hypot(m.std_rot1, m.std_rot2))
             std = np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
             poses, key = self._poses[k], stream_key(seed, self._scans[k], SMOOTH)
-            work = 30 * TRAJECTORIES * poses.shape[1]
+            work = 3 * TRAJECTORIES * poses.shape[1]
             draw_predecessors(work, *poses, self._weights[k], at, between(before, after), std, JUMP, key, chosen)
             at = poses[:, chosen].T.astype(np.float64)
             walks[k] = at

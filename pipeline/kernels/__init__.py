@@ -7,10 +7,15 @@ threads costs more than moving 500 particles does.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType
 from typing import Any
+
+# Threads that wait shall sleep. Where other programs want the cores too, a thread that spins takes the time of the one
+# that it waits for: a run then took four times as long. Read once, when numba loads the library of its threads.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 from numba import njit
 

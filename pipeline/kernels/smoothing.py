@@ -29,17 +29,23 @@ def draw_predecessors(x, y, theta, weights, at, moved, std, jump, key, chosen):
     """
     n = x.shape[0]
     cos, sin = np.cos(theta), np.sin(theta)
+    # Most particles are farther away than any noise reaches, which is seen without turning into their frame: the
+    # exponential is nothing beside the jump.
+    reach = math.hypot(moved[0], moved[1]) + math.sqrt(NOWHERE) * max(std[0], std[1])
     for j in prange(at.shape[0]):
         density = np.empty(n)
         total = 0.0
         for i in range(n):
             dx, dy = at[j, 0] - x[i], at[j, 1] - y[i]
-            along = (cos[i] * dx + sin[i] * dy - moved[0]) / std[0]
-            across = (-sin[i] * dx + cos[i] * dy - moved[1]) / std[1]
-            turn = _wrapped(at[j, 2] - theta[i] - moved[2]) / std[2]
-            far = along * along + across * across + turn * turn
-            # Most particles are so far away that the exponential is nothing beside the jump.
-            density[i] = weights[i] * (jump if far > NOWHERE else math.exp(-0.5 * far) + jump)
+            likely = jump
+            if dx * dx + dy * dy < reach * reach:
+                along = (cos[i] * dx + sin[i] * dy - moved[0]) / std[0]
+                across = (-sin[i] * dx + cos[i] * dy - moved[1]) / std[1]
+                turn = _wrapped(at[j, 2] - theta[i] - moved[2]) / std[2]
+                far = along * along + across * across + turn * turn
+                if far < NOWHERE:
+                    likely += math.exp(-0.5 * far)
+            density[i] = weights[i] * likely
             total += density[i]
         target = uniform(key, j) * total
         i = 0
