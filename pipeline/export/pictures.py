@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.export.canvas import BLACK, GREY, PAPER, Box, Canvas, Colour, Raster, Window
 from pipeline.export.run import Moment, Run
+from pipeline.inspect import GAP
 from pipeline.recording import palette
 from pipeline.recording.scenes import Scenes
 
@@ -181,16 +182,22 @@ class Curve:
         """What does not change."""
         box, unit = self.box, self.unit
         canvas.line(np.array([(box.x, box.y), (box.x + box.width, box.y)]), GREY, 0.8 * unit)
-        canvas.line(self._points, (200, 200, 200), 1.2 * unit)
+        canvas.line(self._until(len(self.times) - 1), (200, 200, 200), 1.2 * unit)
         canvas.text(box.x, box.y + box.height + 7 * unit, self.words, 11.5 * unit)
 
     def until(self, canvas: Canvas, row: int) -> None:
         """What has been, and the value now."""
         box, unit, x = self.box, self.unit, self._points[row, 0]
-        canvas.line(self._points[: row + 1], self.colour, 1.8 * unit)
+        canvas.line(self._until(row), self.colour, 1.8 * unit)
         canvas.line(np.array([(x, box.y), (x, box.y + box.height)]), BLACK, 1.0 * unit)
         now = "" if np.isnan(self.values[row]) else f"{self.values[row]:.2f}"
         canvas.text(box.x + box.width, box.y + box.height + 7 * unit, now, 11.5 * unit, align=1.0, bold=True)
+
+    def _until(self, row: int) -> NDArray[np.float64]:
+        """Broken where there are no scans: nothing is known of what was between."""
+        steps = np.diff(self.times[: row + 1])
+        gaps = steps > GAP * float(np.median(np.diff(self.times))) if row else steps > 0
+        return np.insert(self._points[: row + 1], _breaks(gaps), np.nan, axis=0)
 
     @cached_property
     def _points(self) -> NDArray[np.float64]:
