@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
-import shutil
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 import urllib.error
@@ -26,12 +25,16 @@ NO_SCREEN = "is there a screen? `mcl share` and `mcl export` need none"
 
 
 def program() -> Path:
-    """The viewer that was installed with rerun-sdk, whose version is that of the recordings. MclError without one."""
-    beside = Path(sys.executable).with_name("rerun.exe" if os.name == "nt" else "rerun")
-    found = beside if beside.exists() else shutil.which("rerun")
-    if found is None:
-        raise MclError("rerun's viewer is not installed", "pip install rerun-sdk")
-    return Path(found)
+    """The viewer that was installed with rerun-sdk, whose version is that of the recordings. MclError without one.
+
+    Not the `rerun` on the PATH: that one only starts this one, and would leave it behind when it is ended.
+    """
+    package = importlib.util.find_spec("rerun_cli")
+    for place in (package.submodule_search_locations or ()) if package else ():
+        for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun", "rerun.exe"):
+            if (Path(place) / name).is_file():
+                return Path(place) / name
+    raise MclError("rerun's viewer is not installed", "pip install rerun-sdk")
 
 
 def quiet() -> dict[str, str]:

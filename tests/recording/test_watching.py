@@ -60,7 +60,19 @@ def test_the_file_is_the_same_with_and_without_a_viewer(listening, tmp_path):
 
 def test_a_viewer_that_is_closed_takes_nothing_with_it(listening, tmp_path):
     process, address = listening
-    assert compared(write(tmp_path / "a.rrd", address, 70, process.kill), write(tmp_path / "b.rrd", None)) == 0
+
+    def close() -> None:
+        process.kill()
+        process.wait()
+        with pytest.raises(MclError, match="no viewer answers"):
+            viewer.check_address(address)
+
+    assert compared(write(tmp_path / "a.rrd", address, 70, close), write(tmp_path / "b.rrd", None)) == 0
+
+
+def test_the_program_is_the_viewer_itself_not_a_script_that_starts_it():
+    with viewer.program().open("rb") as file:
+        assert file.read(2) != b"#!"
 
 
 @pytest.mark.parametrize(
