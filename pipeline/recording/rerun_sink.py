@@ -182,7 +182,7 @@ class RerunSink:
         points = rr.Points3D.columns(
             positions=np.column_stack([heat[:, :2], np.full(len(heat), 0.01, np.float32)]),
             colors=palette.WEIGHT_COLOURS[palette.heat_levels(heat[:, 2])],
-            radii=np.full(len(heat), self._log.grid.resolution / 2, np.float32),
+            radii=np.full(len(heat), self._log.grid.resolution, np.float32),  # to be seen in a whole building
         )
         self._outbox.append((entities.HEAT, timelines([step.index], [step.time]), points.partition([len(heat)])))
 
