@@ -102,6 +102,27 @@ def encode(distance: float, kind: int, max_range: float, log_offset: float, hit_
     return first + int(np.argmin(np.abs(places - share)))
 
 
+def clearance(opaque) -> np.ndarray:
+    """King's moves from each cell to the nearest opaque one, or to the frame around the map; 0 on both."""
+    height, width = opaque.shape
+    out = np.zeros((height, width), np.uint8)
+    rows, cols = np.nonzero(np.pad(opaque[1:-1, 1:-1], 1, constant_values=1))
+    for row in range(1, height - 1):
+        for col in range(1, width - 1):
+            out[row, col] = np.maximum(np.abs(rows - row), np.abs(cols - col)).min()
+    return out
+
+
+def mix(words, first: int) -> int:
+    """Sum of 64-bit words, each stirred with its place, the first of which is given; with unbounded integers."""
+    total = 0
+    for i, word in enumerate(words, first):
+        z = int(word) ^ (i * _GOLDEN & _MASK)
+        z = ((z ^ (z >> 32)) * 0xBF58476D1CE4E5B9) & _MASK
+        total += z ^ (z >> 29)
+    return total & _MASK
+
+
 # --- motion ----------------------------------------------------------------------------------------------------------
 
 

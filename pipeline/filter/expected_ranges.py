@@ -61,12 +61,13 @@ class ExpectedRanges:
         if self._casts:
             self._opaque = opaque_cells(grid, config.occupied_threshold)
         if searches or not self._casts:
-            self.table = load_range_table(grid, config.occupied_threshold, max_range)
             # Beams as steps of the table's headings from the first beam, so that a row is read forwards only.
             steps = np.round(self._angles / BIN).astype(np.int64)
             self.first = int(steps.min())
             self.offsets = ((steps - self.first) % HEADINGS).astype(np.int32)
-            self.rows = self.table.padded(int(self.offsets.max()))
+            span = int(self.offsets.max())
+            self.table = load_range_table(grid, config.occupied_threshold, max_range, span)
+            self.rows = self.table.padded(span)
             self._row_of_cell = self.table.rows_through_walls(half_thickness / grid.resolution)
 
     def score(

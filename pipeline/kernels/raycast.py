@@ -130,18 +130,3 @@ def encode(distance, kind, scale, log_offset, hit_codes, unknown_codes):
 
 OCCUPIED = 1
 UNKNOWN = 2
-
-
-@paired
-def build_table(opaque, cells, headings, max_range, scale, log_offset, hit_codes, unknown_codes, out):
-    """Range codes from the centre of every listed cell in every heading, by DDA.
-
-    ``cells`` (n,) int32 flat indices; ``headings``: number of headings in a full turn -> ``out`` (n, headings) uint8.
-    """
-    width = opaque.shape[1]
-    for i in prange(cells.shape[0]):
-        y, x = cells[i] // width + 0.5, cells[i] % width + 0.5
-        for h in range(headings):
-            a = 2.0 * math.pi * h / headings
-            distance, kind = dda(opaque, x, y, math.cos(a), math.sin(a), max_range)
-            out[i, h] = encode(distance, kind, scale, log_offset, hit_codes, unknown_codes)

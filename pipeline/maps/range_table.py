@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.kernels import raycast
+from pipeline.kernels import raycast, table
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 HIT_CODES = 224
@@ -25,7 +25,9 @@ LOG_OFFSET = 2.0
 """Metres at which the logarithmic scale of the codes bends: 3 cm a step at the laser, 2 % of the range far away."""
 HEADINGS = 360
 MAX_TABLE_BYTES = 1 << 30
-_FORMAT = b"mcl range table 1\n"
+_FORMAT = b"mcl range table 2\n"
+_HEADER = 192
+"""Bytes before the table: format, key, checksum. Whole words, so that the table can be read by the word."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +69,20 @@ class RangeCodes:
 class RangeTable:
     """True ranges from the centre of every open cell.
 
-    ``rows`` (n, HEADINGS) uint8 codes, heading h at h * 360 / HEADINGS degrees in the grid frame;
+    ``wide`` (n, HEADINGS or more) uint8 codes, heading h at h * 360 / HEADINGS degrees in the grid frame, as many of
+    the first ones repeated at the end as a laser spans, so that no index needs a modulo;
     ``cells`` (n,) int32 flat index of each row's cell; ``row_of_cell`` (height, width) int32, -1 = no laser there.
     """
 
     codes: RangeCodes
     cells: NDArray[np.int32]
     row_of_cell: NDArray[np.int32]
-    rows: NDArray[np.uint8]
+    wide: NDArray[np.uint8]
+
+    @property
+    def rows(self) -> NDArray[np.uint8]:
+        """(n, HEADINGS) uint8: each heading once."""
+        return self.wide[:, :HEADINGS]
 
     def rows_through_walls(self, reach: float) -> NDArray[np.int32]:
         """``row_of_cell`` with the row of the nearest open cell in every cell whose centre lies up to ``reach`` cells
@@ -92,7 +100,9 @@ class RangeTable:
         return np.where(distance - 0.5 <= reach + 1e-6, filled, np.int32(-1)).astype(np.int32)
 
     def padded(self, span: int) -> NDArray[np.uint8]:
-        """``rows`` with their first ``span`` headings repeated at the end, so that no index needs a modulo."""
+        """The rows with at least their first ``span`` headings repeated at the end; a copy only if they are not yet."""
+        if self.wide.shape[1] >= HEADINGS + span:
+            return self.wide
         return np.ascontiguousarray(np.concatenate([self.rows, self.rows[:, :span]], axis=1))
 
 
@@ -107,33 +117,56 @@ def range_codes(grid: OccupancyGrid, laser_max_range: float) -> RangeCodes:
     return RangeCodes(min(laser_max_range, float(np.hypot(grid.height, grid.width)) * grid.resolution))
 
 
-def build_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: float) -> RangeTable:
-    """Cast every ray with the DDA kernel; the map's unknown cells stop rays and hold no laser.
+def build_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: float, span: int = 0) -> RangeTable:
+    """Cast every ray; the map's unknown cells stop rays and hold no laser. The first ``span`` headings are repeated.
 
     Raises MclError if the map has no open cell, or so many that the table would not fit in a gigabyte.
     """
     opaque = opaque_cells(grid, threshold)
     codes = range_codes(grid, laser_max_range)
-    cells, row_of_cell = _open_cells(opaque)
-    rows = np.empty((len(cells), HEADINGS), np.uint8)
-    in_cells = codes.max_range / grid.resolution, codes.scale, LOG_OFFSET / grid.resolution
-    raycast.build_table(rows.size, opaque, cells, HEADINGS, *in_cells, HIT_CODES, UNKNOWN_CODES, rows)
-    return RangeTable(codes, cells, row_of_cell, rows)
+    cells, row_of_cell = _open_cells(opaque, _width(span))
+    wide = np.empty((len(cells), _width(span)), np.uint8)
+    cast_table(opaque, cells, codes, grid.resolution, wide)
+    wide.flags.writeable = False  # as what is read from the cache
+    return RangeTable(codes, cells, row_of_cell, wide)
 
 
-def load_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: float) -> RangeTable:
+def cast_table(
+    opaque: NDArray[np.uint8], cells: NDArray[np.int32], codes: RangeCodes, resolution: float, out: NDArray[np.uint8]
+) -> None:
+    """Codes from the centres of ``cells`` (n,) flat, in every heading -> ``out`` (n, HEADINGS or more)."""
+    # One cell off the map on every side, so that no ray has to ask where the map ends.
+    walled = np.pad(opaque, 1)
+    clear = np.empty_like(walled)
+    table.clearance(walled, clear)
+    row, col = np.divmod(cells.astype(np.int64), opaque.shape[1])
+    # From which range on each code counts, and which code that is at every small step.
+    longest = codes.max_range / resolution
+    borders = np.full((2, HIT_CODES + 1), np.inf)
+    borders[0, :HIT_CODES] = codes.steps[0][:HIT_CODES] / resolution
+    borders[1, :UNKNOWN_CODES] = codes.steps[0][HIT_CODES:-1] / resolution
+    steps = np.arange(int(longest * table.STEPS) + 1) / table.STEPS
+    code_at = np.stack([np.searchsorted(b, steps, side="right") - 1 for b in borders]).astype(np.uint8)
+    start = (row + 1) * walled.shape[1] + col + 1
+    table.build_table(50 * out.size, walled, clear, start, HEADINGS, longest, borders, code_at, out)
+
+
+def load_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: float, span: int = 0) -> RangeTable:
     """The table from the cache, or built and put there. A damaged or foreign file is rebuilt, never trusted."""
-    codes = range_codes(grid, laser_max_range)
-    identity = f"{grid.sha256} {threshold!r} {codes.max_range!r} {HEADINGS} {HIT_CODES} {UNKNOWN_CODES} {LOG_OFFSET!r}"
+    codes, width = range_codes(grid, laser_max_range), _width(span)
+    identity = (
+        f"{grid.sha256} {threshold!r} {codes.max_range!r} {HEADINGS} {width} {HIT_CODES} {UNKNOWN_CODES} {LOG_OFFSET!r}"
+    )
     key = hashlib.sha256(identity.encode()).hexdigest()
     path = cache_dir() / f"{key[:32]}.ranges"
-    cells, row_of_cell = _open_cells(opaque_cells(grid, threshold))
-    rows = _read(path, key, len(cells))
-    if rows is not None:
-        return RangeTable(codes, cells, row_of_cell, rows)
-    table = build_range_table(grid, threshold, laser_max_range)
-    _write(path, key, table.rows)
-    return table
+    cells, row_of_cell = _open_cells(opaque_cells(grid, threshold), width)
+    if (wide := _read(path, key, (len(cells), width))) is None:
+        built = build_range_table(grid, threshold, laser_max_range, span)
+        _write(path, key, built.wide)
+        # Read back, so that it lies in memory once for all who use it.
+        if (wide := _read(path, key, (len(cells), width))) is None:
+            return built
+    return RangeTable(codes, cells, row_of_cell, wide)
 
 
 def cache_dir() -> Path:
@@ -143,13 +176,18 @@ def cache_dir() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mcl-replay"
 
 
-def _open_cells(opaque: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _width(span: int) -> int:
+    """Bytes of a row: all headings and so many again, up to whole words."""
+    return -(-(HEADINGS + span) // 8) * 8
+
+
+def _open_cells(opaque: NDArray[np.uint8], width: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     cells = np.flatnonzero(opaque == 0).astype(np.int32)
     if len(cells) == 0:
         raise MclError("the map has no cell in which a robot could stand", "check occupied_threshold and the map")
-    if len(cells) * HEADINGS > MAX_TABLE_BYTES:
+    if len(cells) * width > MAX_TABLE_BYTES:
         raise MclError(
-            f"the table of ranges would need {len(cells) * HEADINGS / 1e9:.1f} GB for {len(cells):,} open cells",
+            f"the table of ranges would need {len(cells) * width / 1e9:.1f} GB for {len(cells):,} open cells",
             "use --set ray_caster=dda, or a map with larger cells",
         )
     row_of_cell = np.full(opaque.shape, -1, np.int32)
@@ -157,31 +195,36 @@ def _open_cells(opaque: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[n
     return cells, row_of_cell
 
 
-def _read(path: Path, key: str, n: int) -> NDArray[np.uint8] | None:
+def _read(path: Path, key: str, shape: tuple[int, int]) -> NDArray[np.uint8] | None:
     """Rows from a cache file, mapped read-only for processes to share; None if it is not exactly what we wrote."""
-    header = len(_FORMAT) + 128
     try:
-        if path.stat().st_size != header + n * HEADINGS:
+        if path.stat().st_size != _HEADER + shape[0] * shape[1]:
             return None
         with path.open("rb") as file:
-            head = file.read(header)
-        rows = np.memmap(path, np.uint8, "r", offset=header, shape=(n, HEADINGS))
+            head = file.read(_HEADER)
+        rows = np.asarray(np.memmap(path, np.uint8, "r", offset=_HEADER, shape=shape))
     except OSError:
         return None
-    # blake2b runs at about a gigabyte a second: cheap beside the wrong map.
-    checksum = hashlib.blake2b(rows.data, digest_size=32).hexdigest()
-    return rows if head == _FORMAT + key.encode() + checksum.encode() else None
+    return rows if head == _header(key, rows) else None
+
+
+def _header(key: str, rows: NDArray[np.uint8]) -> bytes:
+    """Format, key, and a checksum that runs as fast as memory: a table is asked for damage at every start."""
+    words = np.frombuffer(rows.data, np.uint64)
+    sums = np.empty(-(-len(words) // table.WORDS), np.uint64)
+    table.mix(len(words), words, sums)
+    checksum = hashlib.blake2b(sums.tobytes(), digest_size=32).hexdigest()
+    return (_FORMAT + key.encode() + checksum.encode()).ljust(_HEADER)
 
 
 def _write(path: Path, key: str, rows: NDArray[np.uint8]) -> None:
-    checksum = hashlib.blake2b(rows.data, digest_size=32).hexdigest()
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             temporary = Path(file.name)
-            file.write(_FORMAT + key.encode() + checksum.encode())
-            file.write(rows.tobytes())
+            file.write(_header(key, rows))
+            file.write(rows.data)
         temporary.replace(path)
     except OSError:
         pass  # a cache that cannot be written costs time, nothing else

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipeline import kernels
 from pipeline.kernels import raycast
+from pipeline.maps import range_table
 from pipeline.maps.range_table import HEADINGS, HIT_CODES, LOG_OFFSET, UNKNOWN_CODES, RangeCodes, opaque_cells
 
 seeds = st.integers(0, 2**32 - 1)
@@ -40,11 +43,11 @@ def cast(opaque, poses, angles, max_range=200.0, *, bresenham=False) -> np.ndarr
     return out
 
 
-def cast_table(opaque, cells, codes: RangeCodes, *, work: int = 0) -> np.ndarray:
+def cast_table(opaque, cells, codes: RangeCodes, *, parallel: bool = False) -> np.ndarray:
     """Codes of the table for cells of one metre."""
     rows = np.empty((len(cells), HEADINGS), np.uint8)
-    scale = codes.max_range, codes.scale, LOG_OFFSET, HIT_CODES, UNKNOWN_CODES
-    raycast.build_table(work, opaque, cells.astype(np.int32), HEADINGS, *scale, rows)
+    with patch.object(kernels, "PARALLEL_WORK", 0 if parallel else 10**12):
+        range_table.cast_table(opaque, cells.astype(np.int32), codes, 1.0, rows)
     return rows
 
 
@@ -191,7 +194,7 @@ def test_the_table_in_every_heading_corners_included() -> None:
 def test_the_table_is_the_same_with_all_threads() -> None:
     opaque = random_map(np.random.default_rng(8), 40, 40)
     cells, codes = np.flatnonzero(opaque == 0), RangeCodes(30.0)
-    np.testing.assert_array_equal(cast_table(opaque, cells, codes), cast_table(opaque, cells, codes, work=10**9))
+    np.testing.assert_array_equal(cast_table(opaque, cells, codes), cast_table(opaque, cells, codes, parallel=True))
 
 
 @pytest.mark.parametrize("bresenham", [False, True])
@@ -288,7 +291,7 @@ def test_the_table_and_dda_agree_within_a_cell_and_a_heading(buildings, name: st
     cells = np.flatnonzero(opaque == 0)
     row_of_cell = np.full(opaque.size, -1)
     row_of_cell[cells] = np.arange(len(cells))
-    rows = cast_table(opaque, cells, codes, work=10**9)
+    rows = cast_table(opaque, cells, codes, parallel=True)
     heading = np.round(np.degrees(poses[:, 2])).astype(int) % HEADINGS
     code = rows[row_of_cell[row * opaque.shape[1] + col], heading]
     exact, read = cast(opaque, poses, [0.0], codes.max_range)[:, 0], codes.ranges[code]

@@ -47,9 +47,9 @@ def built(monkeypatch) -> list[float]:
     made: list[float] = []
     build = range_table.build_range_table
 
-    def counted(grid, threshold, max_range):
+    def counted(grid, threshold, max_range, span):
         made.append(threshold)
-        return build(grid, threshold, max_range)
+        return build(grid, threshold, max_range, span)
 
     monkeypatch.setattr(range_table, "build_range_table", counted)
     return made
@@ -104,7 +104,8 @@ DAMAGE = {
 
 @pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_file_is_built_again(cache, built, damage: str) -> None:
-    fresh = load_range_table(grid(), 0.65, MAX_RANGE)
+    load_range_table(grid(), 0.65, MAX_RANGE)
+    fresh = build_range_table(grid(), 0.65, MAX_RANGE)
     whole = only_file(cache).read_bytes()
     DAMAGE[damage](only_file(cache))
     assert only_file(cache).read_bytes() != whole
