@@ -38,8 +38,8 @@ format: $(INSTALLED)  ## Mend style where a tool can
 	$(BIN)/ruff check --fix
 	$(BIN)/ruff format
 
-bench: $(INSTALLED)  ## Measure speed
-	$(BIN)/mcl bench
+bench: $(INSTALLED)  ## Measure speed; the table, JSON and a picture go to benchmark/
+	$(BIN)/mcl bench --output benchmark
 
 pictures: $(INSTALLED)  ## Take the documentation's pictures again, in the headless viewer (needs a Vulkan driver)
 	$(BIN)/python docs/pictures.py

@@ -68,7 +68,11 @@ class ExpectedRanges:
             span = int(self.offsets.max())
             self.table = load_range_table(grid, config.occupied_threshold, max_range, span)
             self.rows = self.table.padded(span)
-            self._row_of_cell = self.table.rows_through_walls(half_thickness / grid.resolution)
+            row_of_cell = self.table.rows_through_walls(half_thickness / grid.resolution)
+            x, y, yaw = self._laser_pose
+            # What the kernels need to find a pose's place in the table.
+            turn, cells = np.float32(yaw + self.first * BIN), np.float32(1.0 / grid.resolution)
+            self.place = (x, y, turn, cells, HEADINGS, row_of_cell)
 
     def score(
         self, poses: NDArray[np.float32], log_likelihood: NDArray[np.float32], outside: float, out: NDArray[np.float32]
@@ -78,16 +82,13 @@ class ExpectedRanges:
         ``log_likelihood`` (k, 256) float32 of the scan's beams; ``outside`` for poses in walls or off the map.
         """
         n, k = poses.shape[1], len(self._angles)
-        x, y, yaw = self._laser_pose
         if self._casts:
             codes = np.empty((n, k), np.uint8)
             self._cast_codes(poses, codes)
             scoring.score_codes(n * k, codes, log_likelihood, np.float32(outside), out)
         else:
-            turn = np.float32(yaw + self.first * BIN)
-            inv = np.float32(1.0 / self._grid.resolution)
-            table = (HEADINGS, self._row_of_cell, self.rows, self.offsets, log_likelihood, np.float32(outside))
-            scoring.score(n * k, *poses, x, y, turn, inv, *table, out)
+            table = (self.rows, self.offsets, log_likelihood, np.float32(outside))
+            scoring.score(n * k, *poses, *self.place, *table, out)
 
     def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""
@@ -100,9 +101,7 @@ class ExpectedRanges:
         if self._casts:
             self._cast_codes(columns, codes)
         else:
-            lx, ly, yaw = self._laser_pose
-            place = (lx, ly, np.float32(yaw + self.first * BIN), np.float32(1.0 / self._grid.resolution))
-            scoring.look_up(*columns, *place, HEADINGS, self._row_of_cell, self.rows, self.offsets, codes)
+            scoring.look_up(*columns, *self.place, self.rows, self.offsets, codes)
         blind: NDArray[np.bool_] = np.max(codes, axis=1) == 0
         return codes, blind
 

@@ -56,22 +56,33 @@ class Search:
         if len(self._rows) == 0:
             raise MclError("the map has no free cell in which the robot and its laser fit", "raise free_threshold")
 
+    @property
+    def cells(self) -> int:
+        """How many cells a search asks that is not coarse."""
+        return len(self._rows)
+
     def __call__(
-        self, log_likelihood: NDArray[np.float32], independent_beams: float | None, n: int, key: np.uint64, coarse: bool
+        self,
+        log_likelihood: NDArray[np.float32],
+        independent_beams: float | None,
+        n: int,
+        key: np.uint64,
+        coarse: bool = False,
+        beams: int = SEARCH_BEAMS,
     ) -> Posterior:
         """n poses drawn from the tempered posterior of one scan; ``coarse``: not every cell is asked.
 
-        ``log_likelihood`` (k, 256) float32 is thinned to SEARCH_BEAMS of the beams that say something.
+        ``log_likelihood`` (k, 256) float32 is thinned to so many ``beams`` of those that say something.
         """
         telling = np.flatnonzero(np.ptp(log_likelihood, axis=1) > 0.0)
-        used = telling[:: max(1, -(-len(telling) // SEARCH_BEAMS))]
+        used = telling[:: max(1, -(-len(telling) // beams))]
         temper = 1.0 if independent_beams is None else min(1.0, independent_beams / max(1, len(used)))
-        beams = (self._expected.offsets[used], np.ascontiguousarray(log_likelihood[used]), np.float32(temper))
+        scan = (self._expected.offsets[used], np.ascontiguousarray(log_likelihood[used]), np.float32(temper))
         table = (self._table.cells, self._expected.rows)
         rows = self._coarse_rows if coarse and len(self._coarse_rows) else self._rows
         work = HEADINGS * len(used)
         best, log_mass = np.empty(len(rows), np.float32), np.empty(len(rows), np.float32)
-        exhaustive.cell_masses(len(rows) * work, rows, *table, *beams, *self._place, best, log_mass)
+        exhaustive.cell_masses(len(rows) * work, rows, *table, *scan, *self._place, best, log_mass)
         mass = np.exp(log_mass.astype(np.float64) - float(log_mass.max()))
         draws = np.empty(len(rows), np.int64)
         exhaustive.split_draws(mass / mass.sum(), uniforms(key, 1)[0], n, draws)
@@ -80,7 +91,7 @@ class Search:
         cell, heading = np.empty(n, np.int32), np.empty(n, np.int32)
         turns = key + np.uint64(2)
         exhaustive.draw_headings(
-            len(drawn) * work, rows[drawn], first, *table, *beams, *self._place, cell, heading, turns
+            len(drawn) * work, rows[drawn], first, *table, *scan, *self._place, cell, heading, turns
         )
         return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best * np.float32(temper))
 
