@@ -162,8 +162,8 @@ class Score:
     the log's first scan to the one at which the robot counts as found. ``localized``, ``localized_after``: share of
     scans localized, of all and of those since it was found. ``position_error``, ``heading_error``: since it was found.
     ``ate``: RMSE of the position over all scans; ``ate_after``: since it was found. ``end_*``: at the last scan.
-    ``false_alarms``: events "lost" while localized. ``hindsight_*``: of the trajectory smoothed afterwards: errors at
-    the first scan, and RMSE over all. ``scored``: scans within the reference's span.
+    ``false_alarms``: events "lost" just after a scan that was localized: a right verdict mends the estimate at once.
+    ``hindsight_*``: of the trajectory smoothed afterwards: errors at the first scan, and RMSE over all. ``scored``: scans within the reference's span.
     """
 
     success: bool
@@ -222,7 +222,7 @@ def score(
         end_position_error=float(position[last]),
         end_heading_error=float(np.degrees(heading[last])),
         recoveries=tuple(Recovery(at, time) for at, time in zip(sorted(kidnapped_at), found[1:], strict=True)),
-        false_alarms=int(np.sum(localized[np.asarray(lost_at, dtype=np.int64)])),
+        false_alarms=sum(bool(localized[max(0, scan - 1)]) for scan in lost_at),
         hindsight_start_position_error=float(smoothed[0][0]) if smoothed else None,
         hindsight_start_heading_error=float(np.degrees(smoothed[1][0])) if smoothed else None,
         hindsight_ate=rmse(smoothed[0]) if smoothed else None,

@@ -199,6 +199,7 @@ def test_a_reference_that_covers_no_scan_is_an_error():
 
 def test_false_alarms_are_lost_events_while_localized():
     assert run([5, 5, 0, 0, 0], lost_at=[1, 3, 4]).false_alarms == 2
+    assert run([5, 5, 0, 0, 0], lost_at=[2]).false_alarms == 0, "the verdict that found it"
     assert run([5, 5, 0, 0, 0]).false_alarms == 0
 
 
