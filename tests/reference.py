@@ -113,6 +113,13 @@ def clearance(opaque) -> np.ndarray:
     return out
 
 
+def nearest_squared(wanted) -> np.ndarray:
+    """Squared distance in cells from each cell to the nearest wanted one."""
+    found = np.argwhere(wanted)
+    cells = np.argwhere(np.ones_like(wanted))
+    return ((cells[:, None] - found) ** 2).sum(axis=2).min(axis=1).reshape(wanted.shape)
+
+
 def mix(words, first: int) -> int:
     """Sum of 64-bit words, each stirred with its place, the first of which is given; with unbounded integers."""
     total = 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels import inline, kernel
+from pipeline.kernels import inline, kernel, normal
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
@@ -39,14 +39,17 @@ def normal_quantiles(slip: float = 0.0) -> NDArray[np.float32]:
 
     A share ``slip`` of the numbers comes from a normal SLIP times as wide instead.
     """
-    from scipy.special import ndtr, ndtri
-
     probability = (np.arange(65536) + 0.5) / 65536
     if slip == 0.0:
-        return ndtri(probability).astype(np.float32)
+        out = np.empty(65536)
+        normal.quantiles(probability, out)
+        return out.astype(np.float32)
     far = 4.5 * SLIP
     x = np.linspace(-far, far, 200_001)
-    return np.interp(probability, (1.0 - slip) * ndtr(x) + slip * ndtr(x / SLIP), x).astype(np.float32)
+    sure, slipping = np.empty_like(x), np.empty_like(x)
+    normal.distribution(x, sure)
+    normal.distribution(x / SLIP, slipping)
+    return np.interp(probability, (1.0 - slip) * sure + slip * slipping, x).astype(np.float32)
 
 
 @inline

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.kernels import raycast, table
+from pipeline.kernels.nearest import nearest
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 HIT_CODES = 224
@@ -92,12 +93,12 @@ class RangeTable:
         """
         if reach < 0.5:
             return self.row_of_cell
-        from scipy import ndimage
-
-        distance, nearest = ndimage.distance_transform_edt(self.row_of_cell < 0, return_indices=True)
-        filled = self.row_of_cell[tuple(nearest)]
+        squared, at = np.empty_like(self.row_of_cell), np.empty_like(self.row_of_cell)
         # The open cell's border is half a cell nearer than its centre; and 1.5 cells in metres may come back as less.
-        return np.where(distance - 0.5 <= reach + 1e-6, filled, np.int32(-1)).astype(np.int32)
+        farthest = reach + 0.5 + 1e-6
+        nearest(self.row_of_cell >= 0, int(farthest), squared, at)
+        filled = self.row_of_cell.reshape(-1)[at]
+        return np.where(squared <= farthest**2, filled, np.int32(-1)).astype(np.int32)
 
     def padded(self, span: int) -> NDArray[np.uint8]:
         """The rows with at least their first ``span`` headings repeated at the end; a copy only if they are not yet."""
