@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.filter.step import Estimate
-from pipeline.geometry import wrap_angle
 from pipeline.kernels import belief
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -61,21 +60,31 @@ class Clusters:
         slot_of_root[roots] = np.arange(len(roots))
         sums = np.zeros((len(roots), 14))
         belief.cluster_moments(x, y, theta, weights, self._bin_of, self._parent, slot_of_root, sums)
-        return tuple(self._estimate(s) for s in sums)
+        return self._estimates(sums)
 
-    def _estimate(self, s: NDArray[np.float64]) -> Estimate:
-        delta = s[4:7] / s[0]
-        xx, xy, xt, yy, yt, tt = s[7:13] / s[0]
-        covariance = np.array([[xx, xy, xt], [xy, yy, yt], [xt, yt, tt]]) - np.outer(delta, delta)
-        return map_estimate(self._grid, s[1:4] + delta, covariance, float(s[0]))
+    def _estimates(self, sums: NDArray[np.float64]) -> tuple[Estimate, ...]:
+        """From the moments (k, 14) of the clusters, all at once: numpy's overhead is dearer than the sums."""
+        weight = sums[:, 0]
+        delta, squares = sums[:, 4:7] / weight[:, None], sums[:, 7:13] / weight[:, None]
+        covariance = squares[:, _SYMMETRIC] - delta[:, :, None] * delta[:, None, :]
+        poses, turned = self._grid.to_map(sums[:, 1:4] + delta), _turned(self._grid, covariance)
+        return tuple(Estimate(p, c, w) for p, c, w in zip(poses, turned, weight.tolist(), strict=True))
+
+
+_SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
+
+
+def _turned(grid: OccupancyGrid, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariances (..., 3, 3) of the grid frame in the map frame."""
+    if grid.origin[2] == 0.0:
+        return covariance
+    cos, sin = np.cos(grid.origin[2]), np.sin(grid.origin[2])
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn @ covariance @ turn.T, np.float64)
 
 
 def map_estimate(
     grid: OccupancyGrid, pose: NDArray[np.float64], covariance: NDArray[np.float64], weight: float
 ) -> Estimate:
     """An estimate in the map frame from a pose (3,) and its covariance (3, 3) in the grid frame."""
-    cos, sin = np.cos(grid.origin[2]), np.sin(grid.origin[2])
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    pose = grid.to_map(pose)
-    pose[2] = wrap_angle(pose[2])
-    return Estimate(pose, turn @ covariance @ turn.T, weight)
+    return Estimate(grid.to_map(pose), _turned(grid, covariance), weight)
