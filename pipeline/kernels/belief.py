@@ -86,18 +86,24 @@ def occupied_bins(x, y, theta, weights, size, turns, keys, bin_at, bin_of, bin_k
     mask = keys.shape[0] - 1
     keys[:] = -1
     bins = 0
+    last, at = np.int64(-1), np.int32(0)
     for i in range(x.shape[0]):
-        turn = np.int64(math.floor((theta[i] + math.pi) / (2.0 * math.pi) * turns)) % turns
+        turn = np.int64(math.floor((theta[i] + math.pi) / (2.0 * math.pi) * turns))
+        if turn < 0 or turn >= turns:  # a division takes longer than all the rest
+            turn %= turns
         key = bin_number(np.int64(math.floor(x[i] / size)), np.int64(math.floor(y[i] / size)), turn, turns)
-        slot = _slot(key, keys, mask)
-        if keys[slot] == -1:
-            keys[slot] = key
-            bin_at[slot] = bins
-            bin_key[bins] = key
-            bin_weight[bins] = 0.0
-            bins += 1
-        bin_of[i] = bin_at[slot]
-        bin_weight[bin_at[slot]] += weights[i]
+        if key != last:  # survivors of one particle lie side by side
+            last = key
+            slot = _slot(key, keys, mask)
+            if keys[slot] == -1:
+                keys[slot] = key
+                bin_at[slot] = bins
+                bin_key[bins] = key
+                bin_weight[bins] = 0.0
+                bins += 1
+            at = bin_at[slot]
+        bin_of[i] = at
+        bin_weight[at] += weights[i]
     return bins
 
 
