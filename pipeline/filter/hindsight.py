@@ -66,9 +66,10 @@ class Hindsight:
         key = stream_key(seed, self._scans[-1], SMOOTH)
         # The verdict at the end is the belief's.
         pick = (uniforms(key, TRAJECTORIES) * self._own).astype(np.int64)
-        at = last[:, pick].T.astype(np.float64)
+        places, which = np.unique(pick, return_inverse=True)
+        at = last[:, places].T.astype(np.float64)
         walks = np.empty((len(self._scans), TRAJECTORIES, 3))
-        walks[-1] = at
+        walks[-1] = at[which]
         chosen = np.empty(TRAJECTORIES, np.int32)
         for k in range(len(self._scans) - 2, -1, -1):
             before, after = odometry[self._scans[k]], odometry[self._scans[k + 1]]
@@ -76,10 +77,11 @@ class Hindsight:
             turn = float(np.hypot(m.std_rot1, m.std_rot2))
             std = np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
             poses, key = self._poses[k], stream_key(seed, self._scans[k], SMOOTH)
-            work = 3 * TRAJECTORIES * poses.shape[1]
-            draw_predecessors(work, *poses, self._weights[k], at, between(before, after), std, JUMP, key, chosen)
-            at = poses[:, chosen].T.astype(np.float64)
-            walks[k] = at
+            work, moved = 8 * len(at) * poses.shape[1], between(before, after)
+            draw_predecessors(work, *poses, self._weights[k], at, which, moved, std, JUMP, key, chosen)
+            places, which = np.unique(chosen, return_inverse=True)
+            at = poses[:, places].T.astype(np.float64)
+            walks[k] = at[which]
         return self._fill(self._agree(walks), odometry)
 
     def _agree(self, walks: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,8 +20,10 @@ def _wrapped(angle):
 
 
 @paired
-def draw_predecessors(x, y, theta, weights, at, moved, std, jump, key, chosen):
-    """For each trajectory at its pose ``at`` (m, 3), draw the particle one update earlier that it came from.
+def draw_predecessors(x, y, theta, weights, at, which, moved, std, jump, key, chosen):
+    """For each trajectory j at its pose ``at[which[j]]``, draw the particle one update earlier that it came from.
+
+    ``at`` (u, 3) poses and ``which`` (m,) int64: trajectories run together, and what is the same is worked out once.
 
     ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (3,): dx, dy, dtheta of the
     odometry as seen from the earlier pose; ``std`` (3,): deviations along, across and in heading; ``jump``: density of
@@ -32,25 +34,28 @@ def draw_predecessors(x, y, theta, weights, at, moved, std, jump, key, chosen):
     # Most particles are farther away than any noise reaches, which is seen without turning into their frame: the
     # exponential is nothing beside the jump.
     reach = math.hypot(moved[0], moved[1]) + math.sqrt(NOWHERE) * max(std[0], std[1])
-    for j in prange(at.shape[0]):
+    for u in prange(at.shape[0]):
         density = np.empty(n)
         total = 0.0
         for i in range(n):
-            dx, dy = at[j, 0] - x[i], at[j, 1] - y[i]
+            dx, dy = at[u, 0] - x[i], at[u, 1] - y[i]
             likely = jump
             if dx * dx + dy * dy < reach * reach:
                 along = (cos[i] * dx + sin[i] * dy - moved[0]) / std[0]
                 across = (-sin[i] * dx + cos[i] * dy - moved[1]) / std[1]
-                turn = _wrapped(at[j, 2] - theta[i] - moved[2]) / std[2]
+                turn = _wrapped(at[u, 2] - theta[i] - moved[2]) / std[2]
                 far = along * along + across * across + turn * turn
                 if far < NOWHERE:
                     likely += math.exp(-0.5 * far)
             density[i] = weights[i] * likely
             total += density[i]
-        target = uniform(key, j) * total
-        i = 0
-        cumulative = density[0]
-        while cumulative < target and i < n - 1:
-            i += 1
-            cumulative += density[i]
-        chosen[j] = i
+        for j in range(which.shape[0]):
+            if which[j] != u:
+                continue
+            target = uniform(key, j) * total
+            i = 0
+            cumulative = density[0]
+            while cumulative < target and i < n - 1:
+                i += 1
+                cumulative += density[i]
+            chosen[j] = i

@@ -22,7 +22,9 @@ def poses(n: int) -> np.ndarray:
 def drawn(particles, at, key, *, weights=None, work: int = 0) -> np.ndarray:
     chosen = np.empty(len(at), np.int32)
     weights = np.full(len(particles), 0.1, np.float32) if weights is None else weights
-    draw_predecessors(work, *np.ascontiguousarray(particles.T), weights, at, MOVED, STD, JUMP, key, chosen)
+    places, which = np.unique(at, axis=0, return_inverse=True)
+    x, y, theta = np.ascontiguousarray(particles.T)
+    draw_predecessors(work, x, y, theta, weights, places, which.reshape(-1), MOVED, STD, JUMP, key, chosen)
     return chosen
 
 
