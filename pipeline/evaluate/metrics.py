@@ -163,7 +163,8 @@ class Score:
     scans localized, of all and of those since it was found. ``position_error``, ``heading_error``: since it was found.
     ``ate``: RMSE of the position over all scans; ``ate_after``: since it was found. ``end_*``: at the last scan.
     ``false_alarms``: events "lost" just after a scan that was localized: a right verdict mends the estimate at once.
-    ``hindsight_*``: of the trajectory smoothed afterwards: errors at the first scan, and RMSE over all. ``scored``: scans within the reference's span.
+    ``hindsight_*``: of the trajectory smoothed afterwards: errors at the first scan, and RMSE over all. ``scored``:
+    scans within the reference's span.
     """
 
     success: bool
