@@ -26,8 +26,8 @@ from pipeline.maps.walls import wall_half_thickness
 
 POSES = 200_000
 """Random poses of the scoring rows."""
-FEW = 10_000
-"""The baselines' share of them: NumPy needs some hundred times the memory for its look-ups."""
+CHUNK = 10_000
+"""So many at a time for NumPy, which needs some hundred times the memory for its look-ups."""
 SEARCH_BEAMS = 36
 DRIVE = 20
 """Scans from the first to the one whose motion an update is measured with."""
@@ -104,53 +104,56 @@ def _scores(log: Log, repeats: int) -> list[Row]:
     ordered = np.ascontiguousarray(b.poses[:, order])
     noise = np.random.default_rng(0).standard_normal((3, POSES)) * np.array([[0.15], [0.15], [0.03]])
     settled = (b.poses[:, :1] + noise).astype(np.float32)
-    few = np.ascontiguousarray(b.poses[:, :FEW])
     out = np.empty(POSES, np.float32)
-    works = [lambda p=p: b.score(p, out[: p.shape[1]]) for p in (b.poses, ordered, settled, few)]
+    works = [lambda p=p: b.score(p, out[: p.shape[1]]) for p in (b.poses, ordered, settled)]
     with use_threads(1):
-        random, by_cell, together, quick, numpy, plain = measured(repeats, [*works, _numpy(b, few), _plainly(b, few)])
+        random, by_cell, together, numpy, plain = measured(repeats, [*works, _numpy(b), _plainly(b)])
     label, unit = f"{b.beams} beams, one thread", "ns a particle-beam"
-    each, few_each = 1e9 / (POSES * b.beams), 1e9 / (FEW * b.beams)
+    each = 1e9 / (POSES * b.beams)
     return [
         row(f"scoring random poses, {label}", unit, [each * s for s in random]),
         row(f"scoring poses sorted by cell, {label}", unit, [each * s for s in by_cell]),
         row(f"scoring poses within 0.3 m, {label}", unit, [each * s for s in together]),
-        row(f"the same look-ups by np.take, {label}", unit, [few_each * s for s in numpy]),
-        row(f"the density worked out per beam, {label}", unit, [few_each * s for s in plain]),
-        row("scoring random poses, over np.take", "times", ratios(numpy, quick)),
-        row("scoring random poses, over the density per beam", "times", ratios(plain, quick)),
+        row(f"the same look-ups by np.take, {label}", unit, [each * s for s in numpy]),
+        row(f"the density worked out per beam, {label}", unit, [each * s for s in plain]),
+        row("scoring random poses, over np.take", "times", ratios(numpy, random)),
+        row("scoring random poses, over the density per beam", "times", ratios(plain, random)),
     ]
 
 
-def _numpy(b: Bench, poses: NDArray[np.float32]) -> Callable[[], object]:
-    """The same look-ups in the same table, as np.take makes them; where each pose looks is given."""
+def _numpy(b: Bench) -> Callable[[], object]:
+    """The same look-ups in the same table, as np.take makes them."""
     expected, likelihood = b.expected, b.reading.rows.reshape(-1)
     x, y, turn, cells, headings, row_of_cell = expected.place
-    cos, sin = np.cos(poses[2]), np.sin(poses[2])
     height, width = row_of_cell.shape
-    col = np.clip(((poses[0] + cos * x - sin * y) * cells).astype(np.int64), 0, width - 1)
-    line = np.clip(((poses[1] + sin * x + cos * y) * cells).astype(np.int64), 0, height - 1)
-    heading = np.floor((poses[2] + turn) * headings / (2 * np.pi) + 0.5).astype(np.int64) % headings
-    place = np.maximum(row_of_cell[line, col], 0).astype(np.int64) * expected.rows.shape[1] + heading
     table, beams = expected.rows.reshape(-1), 256 * np.arange(b.beams)
+    out = np.empty(b.poses.shape[1], np.float32)
 
-    def score() -> NDArray[np.float32]:
-        codes = np.take(table, place[:, None] + expected.offsets)
-        total: NDArray[np.float32] = np.take(likelihood, codes + beams).sum(axis=1)
-        return total
+    def score() -> None:
+        for first in range(0, len(out), CHUNK):
+            poses = b.poses[:, first : first + CHUNK]
+            cos, sin = np.cos(poses[2]), np.sin(poses[2])
+            col = np.clip(((poses[0] + cos * x - sin * y) * cells).astype(np.int64), 0, width - 1)
+            line = np.clip(((poses[1] + sin * x + cos * y) * cells).astype(np.int64), 0, height - 1)
+            heading = np.floor((poses[2] + turn) * headings / (2 * np.pi) + 0.5).astype(np.int64) % headings
+            row = row_of_cell[line, col].astype(np.int64)
+            place = np.maximum(row, 0) * expected.rows.shape[1] + heading
+            codes = np.take(table, place[:, None] + expected.offsets)
+            total = np.take(likelihood, codes + beams).sum(axis=1)
+            out[first : first + CHUNK] = np.where(row < 0, b.reading.outside, total)
 
     return score
 
 
-def _plainly(b: Bench, poses: NDArray[np.float32]) -> Callable[[], object]:
+def _plainly(b: Bench) -> Callable[[], object]:
     """A table of ranges in metres, and the densities of a beam worked out each time."""
-    expected, config, out = b.expected, b.config, np.empty(poses.shape[1], np.float32)
+    expected, config, out = b.expected, b.config, np.empty(b.poses.shape[1], np.float32)
     longest = expected.codes.max_range
     ranges = np.minimum(expected.codes.ranges, longest).astype(np.float32)[expected.rows[:, :HEADINGS]]
     weights = config.z_hit, config.z_short, max(config.z_max, 1e-6), config.z_rand
     mixture = np.array([*weights, config.sigma_hit, config.lambda_short])
     rest = (ranges, expected.offsets, b.reading.ranges, mixture, longest, np.float32(b.reading.outside), out)
-    return lambda: score_plainly(0, *poses, *expected.place, *rest)
+    return lambda: score_plainly(0, *b.poses, *expected.place, *rest)
 
 
 def _updates(log: Log, repeats: int) -> list[Row]:

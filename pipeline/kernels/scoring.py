@@ -32,7 +32,7 @@ def table_place(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headin
 
 BLOCK = 2048
 """Particles that are looked at together: what is kept of them fits the first cache beside a scan's likelihoods."""
-AHEAD = 16
+AHEAD = 32
 """So many places ahead the rows of the table are asked for: as long as memory takes to answer."""
 LINE = 64
 """Bytes that memory hands over at a time."""
