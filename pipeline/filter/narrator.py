@@ -46,8 +46,9 @@ class Narrator:
     def _search(self, step: Step) -> list[Event]:
         if step.heat is None or not self._started:
             return []
-        here = f"only {100 * step.explained:.0f} % of the beams fit here"
-        return [Event("searched", f"Searched the building at {step.time:.1f} s: {here}.")]
+        # What calls for a search is the share of the last scans, not that of this one.
+        why = f"few beams have fitted of late, {100 * step.explained:.0f} % do now"
+        return [Event("searched", f"Searched the building at {step.time:.1f} s: {why}.")]
 
     def _belief(self, step: Step) -> list[Event]:
         together = step.spread < CONVERGED_SPREAD and step.estimate.weight > CONVERGED_WEIGHT

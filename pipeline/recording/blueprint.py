@@ -84,10 +84,16 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
         name="Events",
         columns=rrb.TextLogColumns(timeline_columns=[entities.SCAN], text_log_columns=["loglevel", "body"]),
     )
+    tabs = rrb.Tabs(*map_views(known_area(grid)), *documents, active_tab=tab)
+    return arranged(tabs, events, rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]))
+
+
+def arranged(tabs: rrb.Tabs, events: rrb.View, beside: rrb.Vertical) -> rrb.Blueprint:
+    """The window of a recording: tabs with the events below them, curves beside both, and rerun's own panels away."""
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(rrb.Tabs(*map_views(known_area(grid)), *documents, active_tab=tab), events, row_shares=[5, 1]),
-            rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]),
+            rrb.Vertical(tabs, events, row_shares=[5, 1]),
+            beside,
             column_shares=[5, 2],
         ),
         rrb.BlueprintPanel(state="collapsed"),

@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.recording import entities, palette
-from pipeline.recording.blueprint import ASPECT, Area, blueprint, curves, known_area, looking_down, map_views, so_far
+from pipeline.recording.blueprint import (
+    ASPECT,
+    Area,
+    arranged,
+    blueprint,
+    curves,
+    known_area,
+    looking_down,
+    map_views,
+    so_far,
+)
 from pipeline.recording.columns import segments, timelines, transforms
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import CURVES, Scenes
@@ -179,18 +189,7 @@ def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Bluepri
             timeline_columns=[entities.TIME], text_log_columns=["entitypath", "loglevel", "body"]
         ),
     )
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(rrb.Tabs(*tabs, active_tab=0), events, row_shares=[5, 1]),
-            rrb.Vertical(*beside),
-            column_shares=[5, 2],
-        ),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused", playback_speed=4.0),
-        auto_views=False,
-        auto_layout=False,
-    )
+    return arranged(rrb.Tabs(*tabs, active_tab=0), events, rrb.Vertical(*beside))
 
 
 def _columns(areas: Sequence[Area]) -> tuple[int, float]:
