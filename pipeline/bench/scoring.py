@@ -69,8 +69,7 @@ class Bench:
 
     def update(self) -> None:
         """One turn of the belief, all of it: read a scan, move, score, find the hypotheses, resample."""
-        self.belief.predict(self._motion, 1)
-        self.belief.weigh(self.sensor.read(self.scan))
+        self.belief.advance(self._motion, self.sensor.read(self.scan), 1)
         self.resample()
 
     def resample(self) -> None:

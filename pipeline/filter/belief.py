@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.filter.adaptive import next_count
 from pipeline.filter.estimate import Clusters
-from pipeline.filter.motion_model import OdometryMotion
+from pipeline.filter.motion_model import MotionNoise, Move, OdometryMotion
 from pipeline.filter.particles import Particles
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.sensor import Reading, Sensor
@@ -21,14 +21,15 @@ MOTION, RESAMPLE = 1, 2
 
 
 class Belief:
-    """Predict, weigh, group, resample: one turn of Table 8.2 for each scan."""
+    """Resample, predict, weigh, group: one turn of Table 8.2 for each scan."""
 
     def __init__(self, grid: OccupancyGrid, config: Config, sensor: Sensor, seed: int) -> None:
         self._config, self._sensor, self._seed = config, sensor, seed
         self._clusters = Clusters(grid, config.max_particles)
         self._resample_due = False
         self._updates = 0
-        self.particles = Particles(config.max_particles, config.slip)
+        self._noise = MotionNoise(config.slip)
+        self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
 
     def resample(self, scan: int) -> bool:
@@ -45,14 +46,14 @@ class Belief:
         self._resample_due = False
         return True
 
-    def predict(self, motion: OdometryMotion, scan: int, slipping: bool = False) -> None:
-        """Every particle drives as the odometry says, each with noise of its own (Table 5.6), or with more."""
-        self.particles.predict(motion, stream_key(self._seed, scan, MOTION), slipping)
+    def advance(self, motion: OdometryMotion, reading: Reading, scan: int, slipping: bool = False) -> None:
+        """Every particle drives as the odometry says, each with noise of its own, or with more; and is weighed."""
+        self.weigh(reading, self._noise.move(motion, stream_key(self._seed, scan, MOTION), slipping))
 
-    def weigh(self, reading: Reading) -> None:
-        """Every particle is weighed by how well its pose explains the scan."""
+    def weigh(self, reading: Reading, move: Move | None = None) -> None:
+        """Every particle is weighed by how well its pose explains the scan, after a ``move`` if there is one."""
         p, least = self.particles, self._config.resample_ess
-        self._sensor.score(p.poses, reading, p.log_likelihood)
+        self._sensor.score(p.poses, reading, p.log_likelihood, move)
         p.weigh(reading.temper)
         self._updates += 1
         asked = self._updates % self._config.resample_interval == 0

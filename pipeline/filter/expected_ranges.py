@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.kernels import raycast, scoring
+from pipeline.filter.motion_model import Move
+from pipeline.kernels import motion, raycast, scoring
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import (
@@ -75,20 +76,31 @@ class ExpectedRanges:
             self.place = (x, y, turn, cells, HEADINGS, row_of_cell)
 
     def score(
-        self, poses: NDArray[np.float32], log_likelihood: NDArray[np.float32], outside: float, out: NDArray[np.float32]
+        self,
+        poses: NDArray[np.float32],
+        log_likelihood: NDArray[np.float32],
+        outside: float,
+        out: NDArray[np.float32],
+        move: Move | None = None,
     ) -> None:
         """Log-likelihood of a scan at poses (3, n) float32 in the grid frame -> ``out`` (n,) float32.
 
-        ``log_likelihood`` (k, 256) float32 of the scan's beams; ``outside`` for poses in walls or off the map.
+        ``log_likelihood`` (k, 256) float32 of the scan's beams; ``outside`` for poses in walls or off the map. First
+        the poses make the ``move``, in place.
         """
         n, k = poses.shape[1], len(self._angles)
         if self._casts:
+            if move is not None:
+                motion.move(30 * n, *poses, *move)
             codes = np.empty((n, k), np.uint8)
             self._cast_codes(poses, codes)
             scoring.score_codes(n * k, codes, log_likelihood, np.float32(outside), out)
         else:
             table = (self.rows, self.offsets, log_likelihood, np.float32(outside))
-            scoring.score(n * k, *poses, *self.place, *table, out)
+            if move is None:
+                scoring.score(n * k, *poses, *self.place, *table, out)
+            else:
+                scoring.move_and_score(n * k, *poses, *move, *self.place, *table, out)
 
     def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""

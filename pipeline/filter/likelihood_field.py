@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.config import Config
-from pipeline.kernels import field
+from pipeline.kernels import BLOCK, field
 from pipeline.logs.messages import Laser
 from pipeline.maps.distance_field import build_distance_field
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -102,7 +102,7 @@ class LikelihoodField:
         Shares are of the beams that came back; AMCL counts those without return as left out.
         """
         n, m = poses.shape[1], ends.shape[1]
-        counts = np.empty((-(-n // field.BLOCK), m), np.int64)
+        counts = np.empty((-(-n // BLOCK), m), np.int64)
         field.count_near(n * (10 + m), *poses, *ends, self._inv_resolution, self._codes, self._near, counts)
         agreed = counts.sum(axis=0) > self._config.beam_skip_threshold * n
         if np.count_nonzero(~agreed) >= self._config.beam_skip_error_threshold * m:

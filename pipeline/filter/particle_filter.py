@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.belief import Belief
-from pipeline.filter.estimate import MAX_CLUSTERS, map_estimate
+from pipeline.filter.estimate import map_estimate
 from pipeline.filter.hindsight import Hindsight
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.motion_model import odometry_motion
@@ -22,6 +22,7 @@ from pipeline.filter.sensor import Reading, Sensor, explained_share
 from pipeline.filter.step import Estimate, Step
 from pipeline.geometry import between, compose
 from pipeline.kernels.belief import to_map
+from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -90,8 +91,7 @@ class ParticleFilter:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""
         motion = odometry_motion(before, scan.odometry, self._config)
         resampled = self._belief.resample(scan.index)
-        self._belief.predict(motion, scan.index, self._recovery.slipping)
-        self._belief.weigh(reading)
+        self._belief.advance(motion, reading, scan.index, self._recovery.slipping)
         return resampled, self._recovery.review(self._belief, motion, reading, scan)
 
     def _learn(self, step: Step) -> None:
@@ -136,7 +136,7 @@ class ParticleFilter:
         for row in np.flatnonzero(odds[1:] > NOTABLE):
             pose, covariance = rivals.poses[row], rivals.covariance(int(row))
             others.append(map_estimate(self._grid, pose, covariance, float(odds[1 + row])))
-        return (estimate, *sorted(others, key=lambda e: -e.weight)[: MAX_CLUSTERS - 1])
+        return (estimate, *sorted(others, key=lambda e: -e.weight)[: MOST_CLUSTERS - 1])
 
 
 def _read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -1,4 +1,4 @@
-"""The belief: weighted poses, and the four things that can happen to them."""
+"""The belief: weighted poses, and what can happen to them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.filter.motion_model import OdometryMotion
-from pipeline.kernels import belief
-from pipeline.kernels.motion import move
-from pipeline.kernels.random import normal_quantiles
+from pipeline.kernels import BLOCK, belief
 from pipeline.kernels.resampling import gather
 
 
@@ -18,15 +15,14 @@ class Particles:
     """Up to ``capacity`` particles in buffers that are used again at every scan.
 
     Poses are (3, n) float32 in the grid frame: x, y, theta each contiguous. Weights are kept as logarithms;
-    ``weights`` are their exponentials, and sum to one. ``slip``: share of moves with far wider noise.
+    ``weights`` are their exponentials, and sum to one.
     """
 
-    def __init__(self, capacity: int, slip: float = 0.0) -> None:
+    def __init__(self, capacity: int) -> None:
         # Two sets of poses: survivors are gathered from one into the other.
         self._store, self._spare = np.empty((3, capacity), np.float32), np.empty((3, capacity), np.float32)
         self._log_weights, self._weights = np.empty(capacity), np.empty(capacity)
         self._log_likelihood = np.zeros(capacity, np.float32)
-        self._quantiles, self._slipping = normal_quantiles(), normal_quantiles(slip)
         self.n = 0
         self.ess = 0.0
 
@@ -61,28 +57,16 @@ class Particles:
         self.poses[:] = poses
         self._equal_weights()
 
-    def predict(self, motion: OdometryMotion, key: np.uint64, slipping: bool = False) -> None:
-        """Every particle drives as the odometry says, each with noise of its own (Table 5.6), or with more."""
-        m = motion
-        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles)
-        drives = self._slipping if slipping else self._quantiles
-        move(30 * self.n, *self.poses, m.rot1, m.trans, m.rot2, *noise, drives)
-
     def weigh(self, temper: float) -> float:
         """Every particle gains its tempered log-likelihood; then the weights sum to one again.
 
         Returns the log-evidence of the scan: the logarithm of the weighted mean of the tempered likelihood.
         """
         n = self.n
-        blocks = -(-n // belief.BLOCK)
-        largest, sums = np.empty(blocks), np.empty((blocks, 2))
-        belief.add_likelihood(2 * n, self.log_weights, self.log_likelihood, temper, largest)
-        top = float(largest.max())
-        belief.exponentiate(20 * n, self.log_weights, top, self.weights, sums)
-        total, squares = (float(s) for s in sums.sum(axis=0))
-        belief.rescale(2 * n, self.log_weights, self.weights, top + math.log(total), 1.0 / total, blocks)
-        self.ess = total**2 / squares
-        return top + math.log(total)
+        blocks = -(-n // BLOCK)
+        work = np.empty(blocks), np.empty((blocks, 2))
+        evidence, self.ess = belief.weigh(10 * n, self.log_weights, self.log_likelihood, temper, self.weights, *work)
+        return float(evidence)
 
     def survive(self, ancestors: NDArray[np.int32]) -> None:
         """Only these particles go on, in so many copies as they are named, all of equal weight."""
@@ -106,13 +90,13 @@ class Particles:
 
     def mean_log_likelihood(self) -> float:
         """Weighted mean over the particles of the latest scan's log-likelihood."""
-        sums = np.empty(-(-self.n // belief.BLOCK))
+        sums = np.empty(-(-self.n // BLOCK))
         belief.weighted_sum(2 * self.n, self.log_likelihood, self.weights, sums)
         return float(sums.sum())
 
     def spread(self, x: float, y: float) -> float:
         """RMS distance of the weighted particles from a point of the grid frame, m."""
-        sums = np.empty(-(-self.n // belief.BLOCK))
+        sums = np.empty(-(-self.n // BLOCK))
         belief.squared_distance(4 * self.n, *self.poses[:2], x, y, self.weights, sums)
         return math.sqrt(float(sums.sum()))
 

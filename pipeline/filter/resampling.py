@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.kernels import resampling
+from pipeline.kernels import BLOCK, resampling
 from pipeline.kernels.random import uniforms
 
 
@@ -20,7 +20,8 @@ def draw_ancestors(
     """
     ancestors = np.empty(n, np.int32)
     if method == "low_variance":
-        resampling.low_variance(weights, uniforms(key, 1)[0], ancestors)
+        blocks = -(-len(weights) // BLOCK)
+        resampling.low_variance(5 * n, weights, uniforms(key, 1)[0], np.empty(blocks + 1), ancestors)
     else:
         resampling.multinomial(weights, np.sort(uniforms(key, n)), ancestors)
     return ancestors

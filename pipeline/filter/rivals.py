@@ -7,12 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.filter.motion_model import OdometryMotion
+from pipeline.filter.motion_model import MotionNoise, OdometryMotion
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.geometry import wrap_angle
-from pipeline.kernels.motion import move
-from pipeline.kernels.random import normal_quantiles, stream_key
+from pipeline.kernels.random import stream_key
 
 EACH = 300
 """Particles of one rival: enough to follow a single place."""
@@ -31,7 +30,7 @@ class Rivals:
 
     def __init__(self, sensor: Sensor, seed: int, stream: int) -> None:
         self._sensor, self._seed, self._stream = sensor, seed, stream
-        self._quantiles = normal_quantiles()
+        self._noise = MotionNoise()
         self.particles = np.empty((3, 0, EACH), np.float32)
         self.weights = np.empty((0, EACH))
         self.poses = np.empty((0, 3))
@@ -81,12 +80,10 @@ class Rivals:
             survivors = draw_ancestors(self.weights[row], EACH, "low_variance", key)
             self.particles[:, row] = self.particles[:, row, survivors]
             self.weights[row] = 1.0 / EACH
-        m, flat = motion, self.particles.reshape(3, -1)
-        key = stream_key(self._seed, scan, self._stream + 2)
-        noise = (m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles, self._quantiles)
-        move(30 * flat.shape[1], *flat, m.rot1, m.trans, m.rot2, *noise)
+        flat = self.particles.reshape(3, -1)
+        move = self._noise.move(motion, stream_key(self._seed, scan, self._stream + 2))
         log_likelihood = np.empty(flat.shape[1], np.float32)
-        self._sensor.score(flat, reading, log_likelihood)
+        self._sensor.score(flat, reading, log_likelihood, move)
         gain = reading.temper * log_likelihood.reshape(self.weights.shape).astype(np.float64)
         self.weights *= np.exp(gain - gain.max(axis=1, keepdims=True))
         self.weights = np.maximum(self.weights, 1e-300)

@@ -16,6 +16,8 @@ from typing import Any
 # Threads that wait shall sleep. Where other programs want the cores too, a thread that spins takes the time of the one
 # that it waits for: a run then took four times as long. Read once, when numba loads the library of its threads.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# But not at once: the next loop often comes within the 20 us that this many rounds take (GNU's library).
+os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 from numba import njit
 
@@ -24,6 +26,11 @@ from numba import njit
 kernel = njit(cache=True, nogil=True, fastmath={"contract"})
 inline = njit(cache=True, nogil=True, fastmath={"contract"}, inline="always")
 _parallel = njit(cache=True, nogil=True, parallel=True, fastmath={"contract"})
+
+
+BLOCK = 1024
+"""Particles that are looked at together: what is kept of them fits the first cache. Sums are made block by block, and
+the blocks' sums added in order, so that no number of threads changes a bit."""
 
 
 class paired:  # noqa: N801  (a decorator)

@@ -20,12 +20,15 @@ def score_plainly(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, head
     and ``mixture`` (6,) float64: z_hit, z_short, z_max, z_rand, sigma_hit, lambda_short of Table 6.1; hits are
     normalised as if all of them lay within the range -> ``out`` (n,) float32.
     """
+    height, width = row_of_cell.shape
+    flat = row_of_cell.reshape(-1)
     hit, short, none, rand, sigma, rate = mixture
     peak = hit / (sigma * math.sqrt(2.0 * math.pi))
     for i in prange(x.shape[0]):
-        row, heading = table_place(
-            x[i], y[i], theta[i], laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell
+        cell, heading = table_place(
+            x[i], y[i], theta[i], laser_x, laser_y, laser_yaw, inv_resolution, headings, height, width
         )
+        row = flat[cell] if cell >= 0 else np.int32(-1)
         if row < 0:
             out[i] = outside
             continue

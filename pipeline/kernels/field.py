@@ -13,9 +13,7 @@ import math
 import numpy as np
 from numba import prange
 
-from pipeline.kernels import inline, paired
-
-BLOCK = 4096
+from pipeline.kernels import BLOCK, inline, paired
 
 
 @inline

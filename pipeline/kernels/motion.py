@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import prange
 
-from pipeline.kernels import paired
+from pipeline.kernels import BLOCK, inline, paired
 from pipeline.kernels.random import random_bits
+from pipeline.kernels.trigonometry import sine_cosine, wrapped
 
 _LOW16 = np.uint64(0xFFFF)
 _S16, _S32 = np.uint64(16), np.uint64(32)
-_HALF_TURN = np.float32(math.pi)
+
+
+@inline
+def move_some(x, y, theta, first, last, rot1, trans, rot2, std1, std_t, std2, key, quantiles, drives):
+    """``move`` for the particles ``first`` to ``last``: no branches, so that several are moved by each instruction."""
+    turn1, drive, turn2 = np.float32(rot1), np.float32(trans), np.float32(rot2)
+    wide1, wide_t, wide2 = np.float32(std1), np.float32(std_t), np.float32(std2)
+    for i in range(first, last):
+        bits = random_bits(key, i)
+        turn = theta[i] + (turn1 + wide1 * quantiles[bits & _LOW16])
+        way = drive + wide_t * drives[(bits >> _S16) & _LOW16]
+        heading = turn + (turn2 + wide2 * quantiles[(bits >> _S32) & _LOW16])
+        sine, cosine = sine_cosine(turn)
+        x[i] += way * cosine
+        y[i] += way * sine
+        theta[i] = wrapped(heading)
 
 
 @paired
@@ -23,17 +37,7 @@ def move(x, y, theta, rot1, trans, rot2, std1, std_t, std2, key, quantiles, driv
     ``key`` of the random stream; ``quantiles`` (65536,) float32 of the standard normal, ``drives`` (65536,) of the
     noise of trans. theta stays in [-pi, pi).
     """
-    for i in prange(x.shape[0]):
-        bits = random_bits(key, i)
-        turn = theta[i] + np.float32(rot1 + std1 * quantiles[bits & _LOW16])
-        drive = np.float32(trans + std_t * drives[(bits >> _S16) & _LOW16])
-        heading = turn + np.float32(rot2 + std2 * quantiles[(bits >> _S32) & _LOW16])
-        x[i] += drive * np.float32(math.cos(turn))
-        y[i] += drive * np.float32(math.sin(turn))
-        if heading >= _HALF_TURN or heading < -_HALF_TURN:
-            # As many turns as it takes: wide noise needs more than one. In double, since there may be many.
-            within = heading - 2.0 * math.pi * np.floor((heading + math.pi) / (2.0 * math.pi))
-            heading = np.float32(within)
-            if heading >= _HALF_TURN:  # rounded up to the border
-                heading = -_HALF_TURN
-        theta[i] = heading
+    n = x.shape[0]
+    for b in prange((n + BLOCK - 1) // BLOCK):
+        first, last = b * BLOCK, min((b + 1) * BLOCK, n)
+        move_some(x, y, theta, first, last, rot1, trans, rot2, std1, std_t, std2, key, quantiles, drives)

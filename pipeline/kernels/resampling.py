@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from numba import prange
 
-from pipeline.kernels import inline, kernel, paired
+from pipeline.kernels import BLOCK, inline, kernel, paired
 
 
 @inline
@@ -16,22 +18,49 @@ def last_positive(weights):
     return last
 
 
-@kernel
-def low_variance(weights, start, out):
+@paired
+def low_variance(weights, start, upto, out):
     """Systematic draw (Table 4.4): one random number, then equal steps through the cumulative weights.
 
-    ``weights`` (n,) float64 summing to one; ``start`` in [0, 1) -> ``out`` (m,) int32 ancestor of every survivor.
+    ``weights`` (n,) float64 summing to one; ``start`` in [0, 1); ``upto`` (blocks + 1,) float64 to work in
+    -> ``out`` (m,) int32 ancestor of every survivor.
     """
-    m = out.shape[0]
-    last = last_positive(weights)
-    i = 0
-    cumulative = weights[0]
-    for j in range(m):
-        target = (start + j) / m
-        while cumulative <= target and i < last:
-            i += 1
+    n, m, blocks = weights.shape[0], out.shape[0], upto.shape[0] - 1
+    for b in prange(blocks):
+        total = 0.0
+        for i in range(b * BLOCK, min((b + 1) * BLOCK, n)):
+            total += weights[i]
+        upto[b + 1] = total
+    upto[0] = 0.0
+    last = 0
+    for b in range(blocks):
+        last = b if upto[b + 1] > 0.0 else last
+        upto[b + 1] += upto[b]
+    for b in prange(last + 1):
+        j = steps_below(upto[b], start, m)
+        # Rounding of the sum must neither lose a survivor nor raise a particle that is dead.
+        end = m if b == last else steps_below(upto[b + 1], start, m)
+        cumulative, alive = upto[b], b * BLOCK
+        for i in range(b * BLOCK, min((b + 1) * BLOCK, n)):
             cumulative += weights[i]
-        out[j] = i
+            alive = i if weights[i] > 0.0 else alive
+            while j < end and (start + j) / m < cumulative:
+                out[j] = i
+                j += 1
+        while j < end:
+            out[j] = alive
+            j += 1
+
+
+@inline
+def steps_below(limit, start, m):
+    """How many of the m steps (start + j) / m lie below a limit."""
+    j = max(0, min(m, int(math.ceil(limit * m - start))))
+    while j < m and (start + j) / m < limit:
+        j += 1
+    while j > 0 and (start + j - 1) / m >= limit:
+        j -= 1
+    return j
 
 
 @kernel

@@ -308,5 +308,5 @@ def test_the_course_preset_ranks_particles_as_the_report_does() -> None:
     np.testing.assert_allclose(weights[1], weights[0], rtol=0.01)
     ancestors = [np.empty(20, np.int32), np.empty(20, np.int32)]
     for w, out in zip(weights, ancestors, strict=True):
-        low_variance(w, 0.37, out)
+        low_variance(0, w, 0.37, np.empty(2), out)
     np.testing.assert_array_equal(*ancestors)

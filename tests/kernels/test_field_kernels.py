@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import reference
 
-from pipeline.kernels import field
+from pipeline.kernels import BLOCK, field
 
 RESOLUTION = 0.1
 INV = np.float32(1 / RESOLUTION)
@@ -35,7 +35,7 @@ class World:
         return out
 
     def counts(self, near: int, work: int = 0) -> np.ndarray:
-        counts = np.full((-(-len(self.poses) // field.BLOCK), len(self.ranges)), -1, np.int64)
+        counts = np.full((-(-len(self.poses) // BLOCK), len(self.ranges)), -1, np.int64)
         field.count_near(work, *self.arguments(), near, counts)
         return counts.sum(axis=0)
 
@@ -77,7 +77,7 @@ def test_an_end_off_the_map_is_never_near() -> None:
 
 
 def test_all_threads_give_the_same() -> None:
-    world = World(9, n=3 * field.BLOCK + 17)
+    world = World(9, n=3 * BLOCK + 17)
     np.testing.assert_array_equal(world.scores(), world.scores(work=10**9))
     np.testing.assert_array_equal(world.counts(4), world.counts(4, work=10**9))
 
