@@ -1,7 +1,8 @@
 """Writes what a run found beside what it was found from: one .mcap that RViz, Foxglove and nav2's tools show.
 
 The input's messages are copied as they are, at their own log times; the result's have the stamps of the scans, and the
-log times of the scans, so that both play together whatever clock the recorder had. Topics are in ``schema``.
+log times of the scans, so that both play together whatever clock the recorder had. Topics are in ``schema``. Only
+where the odometry was drawn beside the map is left out: it has its place in the map now.
 """
 
 from __future__ import annotations
@@ -22,11 +23,12 @@ from pipeline.geometry import compose, inverse, yaw_to_quaternion
 from pipeline.logs import cdr, schema
 from pipeline.logs.collect import find
 from pipeline.logs.columns import PoseColumns
+from pipeline.logs.encode import map_message
 from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.messages import Log
 from pipeline.logs.reader import odometry_at, own_map
 from pipeline.logs.transforms import Transforms, moved
-from pipeline.logs.writer import definition, map_message, pack_grid
+from pipeline.logs.writer import definition, pack_grid
 
 Key = tuple[str, str, str]
 
@@ -140,6 +142,8 @@ class ResultFile:
 
     def _copy(self, kind: Any, channel: Any, message: Any) -> None:
         topic, name = channel.topic, "" if kind is None else kind.name
+        if topic == schema.VIEW_TF:
+            return
         if topic in schema.RESULT_TYPES or (topic == schema.MAP and self._other_map):
             topic = schema.RECORDED + topic
         to = self._channel(topic, name, channel, kind)

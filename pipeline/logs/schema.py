@@ -14,6 +14,7 @@ topic           type                          what it says
 /map            nav_msgs/OccupancyGrid        the map, in steps of 1 % (latched)
 /laser_pose     geometry_msgs/PoseStamped     the laser in ``odom``, where the source says it of its own
 /ground_truth   geometry_msgs/PoseStamped     base_link in ``map``, where known
+/view/...       TFMessage, PointCloud2        of the picture alone: where viewers draw it all, the robot, its path
 ==============  ============================  =================================================================
 
 What a run found may be written beside what it was found from (``result``), as nav2's AMCL publishes it:
@@ -41,12 +42,20 @@ TF_STATIC: Final = "/tf_static"
 MAP: Final = "/map"
 LASER_POSE: Final = "/laser_pose"
 GROUND_TRUTH: Final = "/ground_truth"
+VIEW_TF: Final = "/view/tf"  # map and odometry side by side: nothing that is known of the robot
+VIEW_ROBOT: Final = "/view/robot"
+VIEW_PATH: Final = "/view/path"
+VIEW_TRUE_TF: Final = "/view/true_tf"
+VIEW_TRUE_ROBOT: Final = "/view/true_robot"
+VIEW_TRUE_PATH: Final = "/view/true_path"
+VIEW_TRANSFORMS: Final = frozenset({VIEW_TF, VIEW_TRUE_TF})
 
 LASER_SCAN_TYPE: Final = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE: Final = "nav_msgs/msg/Odometry"
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 GRID_TYPE: Final = "nav_msgs/msg/OccupancyGrid"
 POSE_TYPE: Final = "geometry_msgs/msg/PoseStamped"
+CLOUD_TYPE: Final = "sensor_msgs/msg/PointCloud2"
 
 TYPES: Final = {
     SCAN: LASER_SCAN_TYPE,
@@ -56,6 +65,12 @@ TYPES: Final = {
     MAP: GRID_TYPE,
     LASER_POSE: POSE_TYPE,
     GROUND_TRUTH: POSE_TYPE,
+    VIEW_TF: TF_TYPE,
+    VIEW_ROBOT: CLOUD_TYPE,
+    VIEW_PATH: CLOUD_TYPE,
+    VIEW_TRUE_TF: TF_TYPE,
+    VIEW_TRUE_ROBOT: CLOUD_TYPE,
+    VIEW_TRUE_PATH: CLOUD_TYPE,
 }
 
 AMCL_POSE: Final = "/amcl_pose"
@@ -74,12 +89,14 @@ NAV2_MSGS: Final = {
 }
 """Definitions that ROS's own packages lack, and so any reader's store of them: they travel in the file."""
 
-LATCHED: Final = frozenset({MAP, TF_STATIC, AMCL_POSE})
+LATCHED: Final = frozenset({MAP, TF_STATIC, AMCL_POSE, VIEW_ROBOT, VIEW_PATH, VIEW_TRUE_ROBOT, VIEW_TRUE_PATH})
 
 MAP_FRAME: Final = "map"
 ODOM_FRAME: Final = "odom"
 BASE_FRAME: Final = "base_link"
 LASER_FRAME: Final = "laser"
+VIEW_FRAME: Final = "view"
+TRUE_FRAME: Final = "true_base_link"
 
 # Metadata records (name -> {key: text}).
 SOURCE: Final = "mcl:source"  # format, files, checksums, converter, counts, laser offset, what was left out

@@ -101,7 +101,7 @@ class Transforms:
             topic.name
             for topic in self._recorded.topics.values()
             if topic.type == schema.TF_TYPE and topic.encoding == schema.MESSAGE_ENCODING
-            if topic.name.endswith("tf_static") == static
+            if topic.name.endswith("tf_static") == static and topic.name not in schema.VIEW_TRANSFORMS
         ]
         links: dict[str, PoseColumns] = {}
         for messages in self._recorded.messages(names).values() if names else ():

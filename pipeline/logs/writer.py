@@ -4,22 +4,29 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import __version__
 from pipeline.errors import MclError
-from pipeline.geometry import Pose, yaw_to_quaternion
-from pipeline.logs import cdr, schema
+from pipeline.geometry import Pose
+from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.display import display_messages
+from pipeline.logs.encode import (
+    Messages,
+    map_message,
+    odometry_messages,
+    pose_messages,
+    scan_messages,
+    static_message,
+    transform_messages,
+)
 from pipeline.logs.messages import Trajectory
-from pipeline.logs.transforms import to_quaternion
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 
@@ -42,14 +49,16 @@ def write_log(
     it cannot be written.
     """
     start = int(min(scans.stamps.min(), odometry.stamps.min()))
-    topics = {
+    truth = _truth_columns(ground_truth)
+    topics: dict[str, Messages | None] = {
         schema.MAP: None if grid is None else map_message(grid, start),
-        schema.TF_STATIC: _static_message(scans.frame, odometry.child_frame, laser_pose, start),
-        schema.ODOMETRY: _odometry_messages(odometry),
-        schema.TF: _transform_messages(odometry),
-        schema.SCAN: _scan_messages(scans),
-        schema.LASER_POSE: _pose_messages(laser_poses),
-        schema.GROUND_TRUTH: _pose_messages(_truth_columns(ground_truth)),
+        schema.TF_STATIC: static_message(scans.frame, odometry.child_frame, laser_pose, start),
+        schema.ODOMETRY: odometry_messages(odometry),
+        schema.TF: transform_messages(odometry),
+        schema.SCAN: scan_messages(scans),
+        schema.LASER_POSE: pose_messages(laser_poses),
+        schema.GROUND_TRUTH: pose_messages(truth),
+        **display_messages(odometry, grid, truth, start=start, first_scan=int(scans.stamps.min())),
     }
     files = dict(attachments or {})
     if grid is not None:
@@ -91,9 +100,6 @@ def unpack_grid(data: bytes) -> OccupancyGrid:
     with np.load(io.BytesIO(data)) as cells:
         x, y, yaw = cells["origin"].tolist()
         return OccupancyGrid(cells["occupancy"], float(cells["resolution"]), (x, y, yaw))
-
-
-Messages = tuple[NDArray[np.int64], NDArray[np.int64], list[bytes]]  # stamps, sequences, data
 
 
 def _write(
@@ -140,78 +146,7 @@ def definition(kind: str) -> bytes:
     return text.encode()
 
 
-def _odometry_messages(odometry: PoseColumns) -> Messages:
-    rows = cdr.blank(len(odometry), cdr.ODOMETRY, frame_id=odometry.frame, child_frame_id=odometry.child_frame)
-    return _filled(rows, odometry)
-
-
-def _transform_messages(odometry: PoseColumns) -> Messages:
-    rows = cdr.blank(len(odometry), cdr.ONE_TRANSFORM, frame_id=odometry.frame, child_frame_id=odometry.child_frame)
-    rows["transforms"] = 1
-    return _filled(rows, odometry)
-
-
-def _static_message(frame: str, base: str, pose: Pose | NDArray[np.float64], stamp: int) -> Messages:
-    rows = cdr.blank(1, cdr.ONE_TRANSFORM, frame_id=base, child_frame_id=frame)
-    rows["transforms"] = 1
-    place = planar_poses(np.array([stamp]), np.zeros(1, np.int64), np.zeros((1, 3)), base, frame)
-    if np.ndim(pose) == 2:
-        matrix = np.asarray(pose, dtype=np.float64)
-        place = replace(place, positions=matrix[None, :3, 3], orientations=to_quaternion(matrix)[None])
-    else:
-        place = planar_poses(place.stamps, place.sequences, np.array([pose]), base, frame)
-    return _filled(rows, place)
-
-
-def _pose_messages(poses: PoseColumns | None) -> Messages | None:
-    if poses is None:
-        return None
-    return _filled(cdr.blank(len(poses), cdr.POSE_STAMPED, frame_id=poses.frame), poses)
-
-
-def _filled(rows: cdr.Rows, poses: PoseColumns) -> Messages:
-    cdr.set_stamps(rows, poses.stamps)
-    rows["position"], rows["orientation"] = poses.positions, poses.orientations
-    return poses.stamps, poses.sequences, cdr.pack(rows)
-
-
-def _scan_messages(scans: ScanColumns) -> Messages:
-    beams = scans.ranges.shape[1]
-    rows = cdr.blank(len(scans), cdr.LASER_SCAN, {"ranges": beams}, frame_id=scans.frame)
-    cdr.set_stamps(rows, scans.stamps)
-    values: Iterable[tuple[str, Any]] = (
-        ("angle_min", scans.angle_min),
-        ("angle_max", scans.angle_min + scans.angle_increment * (beams - 1)),
-        ("angle_increment", scans.angle_increment),
-        ("range_min", scans.range_min),
-        ("range_max", scans.range_max),
-        ("ranges", scans.ranges),
-    )
-    for name, value in values:
-        rows[name] = value
-    return scans.stamps, scans.sequences, cdr.pack(rows)
-
-
-def map_message(grid: OccupancyGrid, stamp: int) -> Messages:
-    """The map as one OccupancyGrid: stamps, sequences and bytes of the only message."""
-    rows = cdr.blank(1, cdr.OCCUPANCY_GRID, {"data": grid.occupancy.size}, frame_id=schema.MAP_FRAME)
-    cdr.set_stamps(rows, np.array([stamp]))
-    x, y, yaw = grid.origin
-    percent = np.where(grid.known, np.round(grid.occupancy * 100.0), -1.0)
-    values: Iterable[tuple[str, Any]] = (
-        ("resolution", grid.resolution),
-        ("width", grid.width),
-        ("height", grid.height),
-        ("position", (x, y, 0.0)),
-        ("orientation", yaw_to_quaternion(yaw)),
-        ("data", percent.astype(np.int8).reshape(-1)),
-    )
-    for name, value in values:
-        rows[name] = value
-    return np.array([stamp]), np.zeros(1, np.int64), cdr.pack(rows)
-
-
 def _truth_columns(truth: Trajectory | None) -> PoseColumns | None:
     if truth is None:
         return None
-    return planar_poses(truth.stamps, np.arange(len(truth.stamps)), truth.poses, truth.frame)
+    return planar_poses(truth.stamps, np.arange(len(truth.stamps)), truth.poses, truth.frame, schema.TRUE_FRAME)

@@ -81,7 +81,7 @@ def check_structure(path: Path) -> None:
             kind = summary.schemas[channel.schema_id]
             assert channel.message_encoding == "cdr"
             assert kind.encoding == "ros2msg"
-            assert re.fullmatch(r"[a-z0-9_]+/msg/[A-Za-z]+", kind.name)
+            assert re.fullmatch(r"[a-z0-9_]+/msg/[A-Za-z0-9]+", kind.name)
             check_definition(kind.data.decode())
             check_quality(channel.topic, channel.metadata["offered_qos_profiles"])
 
@@ -98,7 +98,7 @@ def check_definition(text: str) -> None:
 
 def check_quality(topic: str, text: str) -> None:
     (profile,) = YAML(typ="safe").load(text)
-    latched = topic in ("/map", "/tf_static")
+    latched = topic in ("/map", "/tf_static") or re.fullmatch(r"/view/(true_)?(robot|path)", topic)
     assert profile == {
         "history": 1,  # keep the last
         "depth": 1 if latched else 10,

@@ -138,8 +138,10 @@ def test_the_input_is_there_as_it_was(run: tuple[Path, Path], office: Log) -> No
     np.testing.assert_array_equal(again.ranges, office.ranges)
     np.testing.assert_array_equal(again.odometry, office.odometry)
     assert {**again.metadata, "mcl:result": {}} == {**office.metadata, "mcl:result": {}}
-    for topic in ("/scan", "/odom", "/map", "/tf_static", "/ground_truth"):
+    for topic in ("/scan", "/odom", "/map", "/tf_static", "/ground_truth", "/view/robot"):
         assert [at for at, _ in found[topic]] == [at for at, _ in before[topic]]
+    assert "/view/tf" in before
+    assert "/view/tf" not in found  # the odometry was drawn beside the map, and is in it now
     said = again.metadata["mcl:result"]
     assert said["seed"] == "3"
     assert YAML(typ="safe").load(said["config"])["record_particles"] == QUICK.record_particles

@@ -49,9 +49,10 @@ def test_the_file_keeps_the_contract(tmp_path: Path) -> None:
             assert summary.schemas[channel.schema_id].name == schema.TYPES[topic]
             assert summary.schemas[channel.schema_id].encoding == "ros2msg"
             (qos,) = YAML(typ="safe").load(channel.metadata["offered_qos_profiles"])
-            assert qos["durability"] == (1 if topic in ("/map", "/tf_static") else 2)
+            once = topic in ("/map", "/tf_static") or (topic.startswith("/view/") and not topic.endswith("tf"))
+            assert qos["durability"] == (1 if once else 2)
             assert qos["reliability"] == 1
-        assert summary.statistics.message_count == 2 + 5 * 3
+        assert summary.statistics.message_count == 2 + 5 * 3 + (2 + 2 + 3 + 2)
         assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
         times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
         assert times == sorted(times)
