@@ -13,6 +13,12 @@ Array = NDArray[np.float64]
 
 MEASURED_BINS = 4096
 """Measured ranges are told apart to max_range / 4096: 2 cm for a laser that sees 82 m."""
+NO_RETURN, INVALID = MEASURED_BINS, MEASURED_BINS + 1
+"""The rows behind those of the ranges."""
+TOGETHER = 64
+"""Rows that are worked out at a time."""
+LEAST = -100.0
+"""Nats: no reading is less likely than that."""
 
 
 def ndtr(x: Array) -> Array:
@@ -98,13 +104,12 @@ class BeamModel:
         self.codes = codes
         self.max_range = max_range
         self.no_return = config.no_return_fraction * max_range
-        centres = (np.arange(MEASURED_BINS) + 0.5) * max_range / MEASURED_BINS
+        self._log_likelihood = np.empty((MEASURED_BINS + 2, 256), np.float32)
         with np.errstate(divide="ignore"):
-            density = np.log(step_density(centres, *codes.steps, config, max_range))
-            missing = np.log(no_return_mass(codes.ranges, config))
-        nothing = np.zeros(256)  # an invalid reading says nothing about any pose
-        table = np.maximum(np.vstack([density, missing, nothing]), -100.0)
-        self._log_likelihood = table.astype(np.float32)
+            self._log_likelihood[NO_RETURN] = np.maximum(np.log(no_return_mass(codes.ranges, config)), LEAST)
+        self._log_likelihood[INVALID] = 0.0  # says nothing about any pose
+        self._known = np.zeros(MEASURED_BINS // TOGETHER + 1, bool)
+        self._known[-1] = True
         # A pose inside a wall explains nothing: every beam is random (Table 6.1 with z_rand alone).
         self._unexplained = float(np.log(max(config.z_rand, 1e-6) / max_range))
 
@@ -118,9 +123,21 @@ class BeamModel:
         valid = np.isfinite(corrected)
         bins = np.where(valid, corrected, 0.0) * (MEASURED_BINS / self.max_range)
         index = np.minimum(bins.astype(np.int64), MEASURED_BINS - 1)
-        index[np.isinf(corrected)] = MEASURED_BINS
-        index[np.isnan(corrected)] = MEASURED_BINS + 1
+        index[np.isinf(corrected)] = NO_RETURN
+        index[np.isnan(corrected)] = INVALID
+        if not self._known[index // TOGETHER].all():
+            self._work_out(np.unique(index // TOGETHER))
         return self._log_likelihood[index]
+
+    def _work_out(self, wanted: NDArray[np.int64]) -> None:
+        """Fill in the rows of these groups of measured ranges, where they are missing: a log needs few of them."""
+        for group in wanted[~self._known[wanted]]:
+            rows = np.arange(TOGETHER * group, TOGETHER * (group + 1))
+            centres = (rows + 0.5) * self.max_range / MEASURED_BINS
+            with np.errstate(divide="ignore"):
+                density = np.log(step_density(centres, *self.codes.steps, self.config, self.max_range))
+            self._log_likelihood[rows] = np.maximum(density, LEAST)
+            self._known[group] = True
 
     def temper(self, corrected: NDArray[np.float32]) -> float:
         """Exponent on the likelihood of a scan: it may count as ``independent_beams`` beams, and no more."""

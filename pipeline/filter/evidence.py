@@ -25,14 +25,17 @@ class Evidence:
         self._slot_of_spot: dict[tuple[int, int, bool], int] = {}
         # (contenders, spots): log-likelihood, and the beams that it is the sum of.
         self._sums, self._beams = np.zeros((1, 256)), np.zeros((1, 256))
+        self._leads: NDArray[np.float64] | None = None
 
     def admit(self, newcomers: int) -> None:
         """So many contenders join, with the account of the belief: what was before tells nothing about them."""
+        self._leads = None
         self._sums = np.vstack([self._sums, np.repeat(self._sums[:1], newcomers, axis=0)])
         self._beams = np.vstack([self._beams, np.zeros((newcomers, self._beams.shape[1]))])
 
     def keep(self, rows: NDArray[np.int64]) -> None:
         """Only these contenders stay, in this order; the first is the belief."""
+        self._leads = None
         self._sums, self._beams = self._sums[rows], self._beams[rows]
 
     def enter(
@@ -43,6 +46,7 @@ class Evidence:
         ``ends`` (k, 2) m in the odometry frame, NaN where nothing came back: such a beam is booked on the patch
         of floor that it was sent from, ``at`` (2,). ``weight``: of a beam, for how many independent ones it counts.
         """
+        self._leads = None
         back = np.isfinite(ends[:, 0])
         cells = np.floor(np.where(back[:, None], ends, at) / SPOT).astype(np.int64)
         spots = zip(*cells.T.tolist(), back.tolist(), strict=True)
@@ -58,6 +62,11 @@ class Evidence:
 
     def leads(self) -> NDArray[np.float64]:
         """(contenders,) nats by which each is ahead of the belief, whose own lead is 0."""
+        if self._leads is None:
+            self._leads = self._reckoned()
+        return self._leads
+
+    def _reckoned(self) -> NDArray[np.float64]:
         used = len(self._slot_of_spot)
         ahead, beams = self._sums[:, :used] - self._sums[0, :used], self._beams[:, :used]
         mean = np.clip(ahead / np.maximum(beams, 1e-9), -MOST_PER_SPOT, MOST_PER_SPOT)

@@ -155,13 +155,14 @@ class Recovery:
     def _dismiss(self, belief: Belief) -> None:
         """Rivals go that are far behind, or at the place of a better one; when none is left, the contest is over."""
         leads, poses = self._evidence.leads(), np.vstack([self._place(belief), self.rivals.poses])
-        same = same_place(poses[:, None], poses[None])
+        # Lists: numpy would take longer to look at one of these than to work all of them out.
+        same = same_place(poses[:, None], poses[None]).tolist()
         settled = belief.hypotheses[0].weight > SETTLED
-        belief_row, kept = 0, list[int]()
-        for row in np.argsort(-leads[1:], kind="stable") + 1:
-            if leads[row] < leads.max() - HOPELESS or same[row, kept].any():
+        belief_row, kept, least = 0, list[int](), leads.max() - HOPELESS
+        for row in (np.argsort(-leads[1:], kind="stable") + 1).tolist():
+            if leads[row] < least or any(same[row][other] for other in kept):
                 continue
-            if settled and same[row, 0]:
+            if settled and same[row][0]:
                 # Where the belief and a rival meet they are one, with the better account of the way there.
                 belief_row = row if leads[row] > leads[belief_row] else belief_row
                 continue
@@ -172,6 +173,8 @@ class Recovery:
 
     def _keep(self, rows: NDArray[np.int64], belief_row: int = 0) -> None:
         """Of the contenders only these rivals stay, and the belief with the account ``belief_row``."""
+        if belief_row == 0 and np.array_equal(rows, np.arange(1, 1 + len(self.rivals))):
+            return
         self.rivals.keep(rows - 1)
         self._evidence.keep(np.append(belief_row, rows))
 

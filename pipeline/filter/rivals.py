@@ -11,6 +11,7 @@ from pipeline.filter.motion_model import MotionNoise, OdometryMotion
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.geometry import wrap_angle
+from pipeline.kernels import places
 from pipeline.kernels.random import stream_key
 
 EACH = 300
@@ -35,6 +36,7 @@ class Rivals:
         self.weights = np.empty((0, EACH))
         self.poses = np.empty((0, 3))
         self.began = np.empty(0)
+        self._ess = np.empty(0)
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -68,13 +70,13 @@ class Rivals:
         """Only these are followed any longer, in this order."""
         self.particles = np.ascontiguousarray(self.particles[:, rows])
         self.weights = self.weights[rows]
-        self.poses, self.began = self.poses[rows], self.began[rows]
+        self.poses, self.began, self._ess = self.poses[rows], self.began[rows], self._ess[rows]
 
     def follow(self, motion: OdometryMotion, reading: Reading, scan: int) -> None:
         """Every rival takes one turn: resample, predict, weigh."""
         if not len(self):
             return
-        for row in np.flatnonzero(1.0 / np.square(self.weights).sum(axis=1) < LEAST_ESS * EACH):
+        for row in np.flatnonzero(self._ess < LEAST_ESS * EACH):
             # The same offset serves all rows: they are not compared particle by particle.
             key = stream_key(self._seed, scan, self._stream + 1)
             survivors = draw_ancestors(self.weights[row], EACH, "low_variance", key)
@@ -84,11 +86,8 @@ class Rivals:
         move = self._noise.move(motion, stream_key(self._seed, scan, self._stream + 2))
         log_likelihood = np.empty(flat.shape[1], np.float32)
         self._sensor.score(flat, reading, log_likelihood, move)
-        gain = reading.temper * log_likelihood.reshape(self.weights.shape).astype(np.float64)
-        self.weights *= np.exp(gain - gain.max(axis=1, keepdims=True))
-        self.weights = np.maximum(self.weights, 1e-300)
-        self.weights /= self.weights.sum(axis=1, keepdims=True)
-        self.poses = self._means()
+        places.weigh(self.weights, log_likelihood.reshape(self.weights.shape), reading.temper, self._ess)
+        places.mean_poses(*self.particles, self.weights, self.poses)
 
     def covariance(self, row: int) -> NDArray[np.float64]:
         """(3, 3) of x, y, theta of one rival's particles, in the grid frame."""
@@ -101,13 +100,9 @@ class Rivals:
         self.particles = np.ascontiguousarray(np.concatenate([self.particles, particles], axis=1))
         self.weights = np.vstack([self.weights, np.full((new, EACH), 1.0 / EACH)])
         self.began = np.append(self.began, np.full(new, time))
-        self.poses = self._means()
-
-    def _means(self) -> NDArray[np.float64]:
-        x, y, theta = self.particles
-        w = self.weights
-        sin, cos = (w * np.sin(theta)).sum(axis=1), (w * np.cos(theta)).sum(axis=1)
-        return np.stack([(w * x).sum(axis=1), (w * y).sum(axis=1), np.arctan2(sin, cos)], axis=1)
+        self._ess = np.append(self._ess, np.full(new, float(EACH)))
+        self.poses = np.empty((len(self.weights), 3))
+        places.mean_poses(*self.particles, self.weights, self.poses)
 
 
 def same_place(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:

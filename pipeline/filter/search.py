@@ -49,7 +49,12 @@ class Search:
         to_robot = compose(laser_poses, inverse(laser.pose))[:, :2] / grid.resolution
         col, row = np.floor(0.5 + to_robot).astype(np.int64).T
         self._place = (np.ascontiguousarray(col), np.ascontiguousarray(row), self._allowed)
-        self._rows = exhaustive.standing_rows(self._table.cells, *self._place)
+        # Most headings put the robot into the same few cells around the laser's.
+        around = np.unique(np.stack([col, row]), axis=1)
+        count = np.empty(len(self._table.cells), np.int32)
+        work = 2 * count.size * around.shape[1]
+        exhaustive.count_standing(work, self._table.cells, *around, self._allowed, count)
+        self._rows, self._open_around = np.flatnonzero(count), count == around.shape[1]
         apart = max(1, round(COARSE / grid.resolution))
         row, col = np.divmod(self._table.cells[self._rows], grid.width)
         self._coarse_rows = self._rows[(row % apart == 0) & (col % apart == 0)]
@@ -78,7 +83,7 @@ class Search:
         used = telling[:: max(1, -(-len(telling) // beams))]
         temper = 1.0 if independent_beams is None else min(1.0, independent_beams / max(1, len(used)))
         scan = (self._expected.offsets[used], np.ascontiguousarray(log_likelihood[used]), np.float32(temper))
-        table = (self._table.cells, self._expected.rows)
+        table = (self._table.cells, self._open_around, self._expected.rows)
         rows = self._coarse_rows if coarse and len(self._coarse_rows) else self._rows
         work = HEADINGS * len(used)
         best, log_mass = np.empty(len(rows), np.float32), np.empty(len(rows), np.float32)

@@ -7,6 +7,7 @@ threads costs more than moving 500 particles does.
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,24 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 os.environ.setdefault("GOMP_SPINCOUNT", "10000")
 
 from numba import njit
+from numba.np import linalg
+
+
+def _spare_scipy() -> None:
+    """Keeps numba from loading all of scipy.linalg (0.15 s) only to see whether BLAS is there.
+
+    It asks when it loads its array functions, at the first compilation of anything. Who multiplies matrices in a
+    kernel, which none of ours does, loads scipy then.
+    """
+    ask = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = ask
+
+
+_spare_scipy()
 
 # fastmath may reorder sums and drop NaN checks; only "contract" (a * b + c in one instruction) is safe for results
 # that must be equal on every run, and NaN and inf are handled before the kernels.

@@ -11,6 +11,7 @@ import numpy as np
 from numba import prange
 
 from pipeline.kernels import inline, kernel, paired
+from pipeline.kernels.elementary import exponential, largest_of, sum_of
 from pipeline.kernels.random import uniform
 
 _NO_KEY = np.uint64(0)
@@ -57,75 +58,62 @@ def standing(cell, width, height, robot_col, robot_row, h, allowed):
     return 0 <= col < width and 0 <= row < height and allowed[row, col]
 
 
-@kernel
-def standing_rows(cells, robot_col, robot_row, allowed):
-    """Indices (m,) int64 into ``cells`` (n,) of those where the robot may stand in at least one heading."""
+@paired
+def count_standing(cells, robot_col, robot_row, allowed, out):
+    """At how many of the places ``robot_col, robot_row`` (k,) seen from a laser in each cell the robot may stand.
+
+    ``cells`` (n,) int32 flat -> ``out`` (n,) int32.
+    """
     height, width = allowed.shape
-    out = np.empty(cells.shape[0], np.int64)
-    m = 0
-    for i in range(cells.shape[0]):
+    for i in prange(cells.shape[0]):
+        count = 0
         for h in range(robot_col.shape[0]):
-            if standing(cells[i], width, height, robot_col, robot_row, h, allowed):
-                out[m] = i
-                m += 1
-                break
-    return out[:m]
+            count += standing(cells[i], width, height, robot_col, robot_row, h, allowed)
+        out[i] = count
 
 
 @inline
-def score_standing(cell, row, offsets, log_likelihood, robot_col, robot_row, allowed, total):
-    """``score_cell``, with -inf in the headings in which the robot cannot stand; returns the best."""
+def score_standing(cell, open_around, row, offsets, log_likelihood, robot_col, robot_row, allowed, total):
+    """``score_cell``, with -inf in the headings in which the robot cannot stand; returns the best.
+
+    ``open_around``: it can in all of them, as in most cells.
+    """
     height, width = allowed.shape
     headings = robot_col.shape[0]
     score_cell(row, headings, offsets, log_likelihood, total)
-    largest = np.float32(-np.inf)
-    for h in range(headings):
-        if not standing(cell, width, height, robot_col, robot_row, h, allowed):
-            total[h] = -np.inf
-        largest = max(largest, total[h])
-    return largest
+    if not open_around:
+        for h in range(headings):
+            if not standing(cell, width, height, robot_col, robot_row, h, allowed):
+                total[h] = -np.inf
+    return largest_of(total)
 
 
 @inline
 def exponentiate(total, largest, temper):
-    """total = exp(temper * (total - largest)), in place; their sum. ``total`` (n,) float32, nowhere above ``largest``.
+    """total = exp(temper * (total - largest)), in place; their sum.
 
-    By the sixth square of a polynomial, all of it vector instructions: the exponential of a library takes longer than
-    the beams do. Wrong by 5e-6 at most; what is below exp(-60) is nothing.
+    ``total`` (n,) float32, nowhere above ``largest``.
     """
-    sixty_fourth = temper * np.float32(1.0 / 64.0)
     for h in range(total.shape[0]):
-        x = max((total[h] - largest) * sixty_fourth, np.float32(-1.0))
-        e = np.float32(1.0) + x * (
-            np.float32(1.0)
-            + x * (np.float32(1 / 2) + x * (np.float32(1 / 6) + x * (np.float32(1 / 24) + x * np.float32(1 / 120))))
-        )
-        e *= e
-        e *= e
-        e *= e
-        e *= e
-        e *= e
-        e *= e
-        total[h] = e if x > np.float32(-60.0 / 64.0) else np.float32(0.0)
-    mass = 0.0
-    for h in range(total.shape[0]):
-        mass += total[h]
-    return mass
+        total[h] = exponential(temper * (total[h] - largest))
+    return sum_of(total, 0, total.shape[0])
 
 
 @paired
-def cell_masses(chosen, cells, rows, offsets, log_likelihood, temper, robot_col, robot_row, allowed, best, log_mass):
+def cell_masses(chosen, cells, open_around, rows, offsets, log_likelihood, temper, robot_col, robot_row, allowed,
+                best, log_mass):  # fmt: skip
     """For each chosen cell its best log-likelihood and the logarithm of its share of the tempered posterior.
 
     ``chosen`` (m,) int64 rows of the table; ``cells`` (n,) int32 flat; ``robot_col, robot_row`` (headings,) int64: the
-    robot's centre as seen from the laser, in cells; ``allowed`` (height, width) bool -> ``best``, ``log_mass`` (m,)
-    float32, -inf where no robot can stand.
+    robot's centre as seen from the laser, in cells; ``allowed`` (height, width) bool; ``open_around`` (n,) bool: where
+    it is allowed in all headings -> ``best``, ``log_mass`` (m,) float32, -inf where no robot can stand.
     """
     headings = robot_col.shape[0]
     for j in prange(chosen.shape[0]):
         i = chosen[j]
         total = np.empty(headings, np.float32)
-        largest = score_standing(cells[i], rows[i], offsets, log_likelihood, robot_col, robot_row, allowed, total)
+        largest = score_standing(cells[i], open_around[i], rows[i], offsets, log_likelihood, robot_col, robot_row,
+                                 allowed, total)  # fmt: skip
         best[j] = largest
         log_mass[j] = -np.inf
         if largest > -np.inf:
@@ -142,13 +130,15 @@ def split_draws(mass, start, n, draws):
         upto = min(n, max(drawn, int(math.ceil(cumulative * n - start))))
         draws[i] = upto - drawn
         drawn = upto
-    i = int(np.argmax(mass))  # rounding of the sum may leave one draw over
-    draws[i] += n - drawn
+    last = mass.shape[0] - 1
+    while last > 0 and mass[last] <= 0.0:
+        last -= 1
+    draws[last] += n - drawn  # rounding of the sum may leave one draw over
 
 
 @paired
-def draw_headings(chosen, first, cells, rows, offsets, log_likelihood, temper, robot_col, robot_row, allowed,
-                  at_cell, at_heading, key=_NO_KEY):  # fmt: skip
+def draw_headings(chosen, first, cells, open_around, rows, offsets, log_likelihood, temper, robot_col, robot_row,
+                  allowed, at_cell, at_heading, key=_NO_KEY):  # fmt: skip
     """Within each chosen cell, systematic draws over its headings, from a random start of the cell's own.
 
     ``chosen`` (m,) int64 rows of the table; ``first`` (m + 1,) int64: the draws of chosen[j] are first[j] to
@@ -159,7 +149,8 @@ def draw_headings(chosen, first, cells, rows, offsets, log_likelihood, temper, r
     for j in prange(chosen.shape[0]):
         i = chosen[j]
         total = np.empty(headings, np.float32)
-        largest = score_standing(cells[i], rows[i], offsets, log_likelihood, robot_col, robot_row, allowed, total)
+        largest = score_standing(cells[i], open_around[i], rows[i], offsets, log_likelihood, robot_col, robot_row,
+                                 allowed, total)  # fmt: skip
         mass = exponentiate(total, largest, temper)
         n = first[j + 1] - first[j]
         start = 1.0 - uniform(key, first[j])  # above 0, so that a heading without mass is never the first

@@ -6,8 +6,8 @@ import numpy as np
 from numba import prange
 
 from pipeline.kernels import BLOCK, inline, paired
+from pipeline.kernels.elementary import sine_cosine, wrapped
 from pipeline.kernels.random import random_bits
-from pipeline.kernels.trigonometry import sine_cosine, wrapped
 
 _LOW16 = np.uint64(0xFFFF)
 _S16, _S32 = np.uint64(16), np.uint64(32)

@@ -13,9 +13,9 @@ import numpy as np
 from numba import prange
 
 from pipeline.kernels import BLOCK, inline, kernel, paired
+from pipeline.kernels.elementary import sine_cosine
 from pipeline.kernels.memory import prefetch
 from pipeline.kernels.motion import move_some
-from pipeline.kernels.trigonometry import sine_cosine
 
 AHEAD = 32
 """So many places ahead the rows of the table are asked for: as long as memory takes to answer."""

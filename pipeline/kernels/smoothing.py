@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import prange
 
 from pipeline.kernels import inline, paired
+from pipeline.kernels.elementary import exponential, sine_cosine, sum_of, wrapped
 from pipeline.kernels.random import uniform
 
-NOWHERE = 80.0
-"""Squared deviations from which on exp(-x / 2) < 1e-17 counts as zero."""
+STRETCH = 64
+"""Particles whose densities are added up before it is asked where a draw falls."""
 
 
 @inline
-def _wrapped(angle):
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+def densities(x, y, theta, cos, sin, weights, at, moved, scale, jump, out):
+    """How likely each particle led to the pose ``at`` (3,) by the move: a Gaussian in its own frame, or a jump.
+
+    ``moved`` (3,) float32, ``scale`` (3,) float32 inverse deviations -> ``out`` (n,) float32. No branches.
+    """
+    at_x, at_y, at_yaw = np.float32(at[0]), np.float32(at[1]), np.float32(at[2]) - moved[2]
+    for i in range(x.shape[0]):
+        dx, dy = at_x - x[i], at_y - y[i]
+        along = (cos[i] * dx + sin[i] * dy - moved[0]) * scale[0]
+        across = (cos[i] * dy - sin[i] * dx - moved[1]) * scale[1]
+        turn = wrapped(at_yaw - theta[i]) * scale[2]
+        far = along * along + across * across + turn * turn
+        out[i] = weights[i] * (jump + exponential(np.float32(-0.5) * far))
 
 
 @paired
@@ -30,32 +40,27 @@ def draw_predecessors(x, y, theta, weights, at, which, moved, std, jump, key, ch
     coming from anywhere, as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
     """
     n = x.shape[0]
-    cos, sin = np.cos(theta), np.sin(theta)
-    # Most particles are farther away than any noise reaches, which is seen without turning into their frame: the
-    # exponential is nothing beside the jump.
-    reach = math.hypot(moved[0], moved[1]) + math.sqrt(NOWHERE) * max(std[0], std[1])
+    cos, sin = np.empty(n, np.float32), np.empty(n, np.float32)
+    for i in range(n):
+        sin[i], cos[i] = sine_cosine(theta[i])
+    way, scale = moved.astype(np.float32), (1.0 / std).astype(np.float32)
+    stretches = (n + STRETCH - 1) // STRETCH
     for u in prange(at.shape[0]):
-        density = np.empty(n)
-        total = 0.0
-        for i in range(n):
-            dx, dy = at[u, 0] - x[i], at[u, 1] - y[i]
-            likely = jump
-            if dx * dx + dy * dy < reach * reach:
-                along = (cos[i] * dx + sin[i] * dy - moved[0]) / std[0]
-                across = (-sin[i] * dx + cos[i] * dy - moved[1]) / std[1]
-                turn = _wrapped(at[u, 2] - theta[i] - moved[2]) / std[2]
-                far = along * along + across * across + turn * turn
-                if far < NOWHERE:
-                    likely += math.exp(-0.5 * far)
-            density[i] = weights[i] * likely
-            total += density[i]
+        density, upto = np.empty(n, np.float32), np.empty(stretches + 1)
+        densities(x, y, theta, cos, sin, weights, at[u], way, scale, np.float32(jump), density)
+        upto[0] = 0.0
+        for s in range(stretches):
+            upto[s + 1] = upto[s] + sum_of(density, s * STRETCH, min((s + 1) * STRETCH, n))
         for j in range(which.shape[0]):
             if which[j] != u:
                 continue
-            target = uniform(key, j) * total
-            i = 0
-            cumulative = density[0]
-            while cumulative < target and i < n - 1:
+            target = uniform(key, j) * upto[stretches]
+            s = 0
+            while upto[s + 1] <= target and s < stretches - 1:
+                s += 1
+            i, end = s * STRETCH, min((s + 1) * STRETCH, n)
+            cumulative = upto[s] + density[i]
+            while cumulative <= target and i < end - 1:
                 i += 1
                 cumulative += density[i]
             chosen[j] = i

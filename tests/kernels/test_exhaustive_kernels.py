@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import reference
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numba import njit
 
@@ -27,7 +27,7 @@ class World:
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
-        self.allowed = rng.random((9, 11)) < 0.6
+        self.allowed = rng.random((9, 11)) < (0.6, 0.6, 0.98)[seed]
         self.cells = np.sort(rng.choice(99, 60, replace=False)).astype(np.int32)
         self.table = rng.integers(0, 256, (60, HEADINGS)).astype(np.uint8)
         self.offsets = np.sort(rng.choice(30, 5, replace=False)).astype(np.int32)
@@ -38,19 +38,20 @@ class World:
         dx = -np.cos(yaw) * self.laser[0] + np.sin(yaw) * self.laser[1]
         dy = -np.sin(yaw) * self.laser[0] - np.cos(yaw) * self.laser[1]
         self.place = np.floor(0.5 + dx).astype(np.int64), np.floor(0.5 + dy).astype(np.int64), self.allowed
-        scan = self.cells, self.rows, self.offsets, self.log_likelihood
+        self.open_around = np.array([self.standing(row).all() for row in range(60)])
+        scan = self.cells, self.open_around, self.rows, self.offsets, self.log_likelihood
         self.arguments = (*scan, np.float32(TEMPER), *self.place)
+
+    def standing(self, row: int) -> np.ndarray:
+        """By the twin: (headings,) in which the robot can stand."""
+        cell = int(self.cells[row])
+        return np.array([reference.standing(cell, h, self.laser, HEADINGS, self.allowed) for h in range(HEADINGS)])
 
     def scores(self, row: int) -> np.ndarray:
         """By the twin: (headings,), -inf where no robot can stand."""
-        return np.array(
-            [
-                reference.score(row, h, self.table, self.offsets, self.log_likelihood, 0.0)
-                if reference.standing(int(self.cells[row]), h, self.laser, HEADINGS, self.allowed)
-                else -math.inf
-                for h in range(HEADINGS)
-            ]
-        )
+        table = self.table, self.offsets, self.log_likelihood
+        scores = np.array([reference.score(row, h, *table, 0.0) for h in range(HEADINGS)])
+        return np.where(self.standing(row), scores, -math.inf)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -80,10 +81,12 @@ def test_the_quick_exponential_is_good_enough() -> None:
     assert mass == pytest.approx(exact.sum(), rel=1e-5)
 
 
-def test_standing_rows() -> None:
-    world = World(0)
-    expected = [row for row in range(60) if world.scores(row).max() > -math.inf]
-    assert exhaustive.standing_rows(world.cells, *world.place).tolist() == expected
+@pytest.mark.parametrize("work", [0, 10**9])
+def test_count_standing(work: int) -> None:
+    world, out = World(0), np.empty(60, np.int32)
+    exhaustive.count_standing(work, world.cells, *world.place, out)
+    assert out.tolist() == [world.standing(row).sum() for row in range(60)]
+    assert World(2).open_around.any()
 
 
 @given(
@@ -92,6 +95,7 @@ def test_standing_rows() -> None:
     st.integers(1, 80),
 )
 @settings(deadline=None)
+@example([0.5, 1.0, 1.0], 1 - 2**-53, 2)
 def test_split_draws(values, start: float, n: int) -> None:
     """A systematic draw, counted: as many for each cell as the comb's teeth within it."""
     mass, draws = np.array(values) / np.sum(values), np.empty(len(values), np.int64)
@@ -154,6 +158,6 @@ def test_one_draw_a_cell_is_a_fair_draw() -> None:
     inside = [i for i, cell in enumerate(world.cells) if 3 <= cell % 11 < 8 and 3 <= cell // 11 < 6]
     first = np.arange(len(inside) + 1)
     at_cell, at_heading = np.empty(len(inside), np.int32), np.empty(len(inside), np.int32)
-    scan = world.cells, table, np.zeros(1, np.int32), log_likelihood, np.float32(TEMPER)
+    scan = world.cells, np.ones(60, bool), table, np.zeros(1, np.int32), log_likelihood, np.float32(TEMPER)
     exhaustive.draw_headings(0, np.array(inside, np.int64), first, *scan, *anywhere, at_cell, at_heading)
     assert set(at_heading.tolist()) == {9, 27}

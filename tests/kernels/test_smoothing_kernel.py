@@ -35,7 +35,7 @@ def test_agrees_with_the_twin() -> None:
     for trajectory, (u, index) in enumerate(zip(uniforms(key, 60), chosen, strict=True)):
         share = reference.predecessor_densities(particles, at[trajectory], MOVED, STD, JUMP)
         cumulative = np.cumsum(share) / share.sum()
-        if np.abs(cumulative - u).min() > 1e-6:  # single precision may decide otherwise
+        if np.abs(cumulative - u).min() > 1e-5:  # single precision may decide otherwise
             assert index == np.searchsorted(cumulative, u)
     np.testing.assert_array_equal(chosen, drawn(particles, at, key, work=10**9))
 

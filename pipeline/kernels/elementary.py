@@ -1,6 +1,6 @@
-"""Sines and cosines in single precision, free of branches: in a loop they become vector instructions.
+"""Elementary functions in single precision, free of branches: in a loop they become vector instructions.
 
-A library's cosine takes longer than all else that is done to move a particle.
+A library's cosine takes longer than all else that is done to move a particle, its exponential longer than the beams.
 """
 
 from __future__ import annotations
@@ -41,3 +41,44 @@ def wrapped(angle):
     # Rounded up to the border, or past it.
     within = within if within < _HALF_TURN else -_HALF_TURN
     return within if within >= -_HALF_TURN else -_HALF_TURN
+
+
+@inline
+def exponential(x):
+    """exp(x) of a float32 x <= 0, by the sixth square of a polynomial.
+
+    Wrong by 5e-6 at most, and by 2 in 1000 of itself down to exp(-30); what is below exp(-60) is nothing.
+    """
+    y = max(x * _F(1.0 / 64.0), _F(-1.0))
+    e = _F(1.0) + y * (_F(1.0) + y * (_F(1 / 2) + y * (_F(1 / 6) + y * (_F(1 / 24) + y * _F(1 / 120)))))
+    e *= e
+    e *= e
+    e *= e
+    e *= e
+    e *= e
+    e *= e
+    return e if y > _F(-60.0 / 64.0) else _F(0.0)
+
+
+@inline
+def sum_of(values, first, last):
+    """Their sum, four at a time, in double: one sum would wait for each of its own additions."""
+    s0 = s1 = s2 = s3 = 0.0
+    fours = first + (last - first) // 4 * 4
+    for i in range(first, fours, 4):
+        s0, s1, s2, s3 = s0 + values[i], s1 + values[i + 1], s2 + values[i + 2], s3 + values[i + 3]
+    for i in range(fours, last):
+        s0 += values[i]
+    return (s0 + s1) + (s2 + s3)
+
+
+@inline
+def largest_of(values):
+    """The largest of float32 ``values``, four at a time."""
+    n = values.shape[0]
+    m0 = m1 = m2 = m3 = _F(-np.inf)
+    for i in range(0, n // 4 * 4, 4):
+        m0, m1, m2, m3 = max(m0, values[i]), max(m1, values[i + 1]), max(m2, values[i + 2]), max(m3, values[i + 3])
+    for i in range(n // 4 * 4, n):
+        m0 = max(m0, values[i])
+    return max(max(m0, m1), max(m2, m3))

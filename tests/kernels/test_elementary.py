@@ -1,4 +1,4 @@
-"""Sine and cosine against the library's, and angles brought within a turn."""
+"""Elementary functions against the library's, and angles brought within a turn."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from pipeline.kernels import kernel
-from pipeline.kernels.trigonometry import sine_cosine, wrapped
+from pipeline.kernels.elementary import exponential, sine_cosine, wrapped
 
 
 @kernel
@@ -48,3 +48,22 @@ def test_wrapped() -> None:
     assert within.max() < border
     apart = np.angle(np.exp(1j * (within.astype(float) - angles.astype(float))))
     assert np.abs(apart).max() < 5e-7
+
+
+@kernel
+def exponentials(x, out):
+    for i in range(len(x)):
+        out[i] = exponential(x[i])
+
+
+def test_exponential() -> None:
+    """As near as it says; nothing far below, and one at 0."""
+    x = np.append(np.linspace(-59.9, 0.0, 100_001), [-61.0, -1e9, -np.inf]).astype(np.float32)
+    out = np.empty_like(x)
+    exponentials(x, out)
+    exact = np.exp(x[:-3].astype(float))
+    np.testing.assert_allclose(out[:-3], exact, rtol=0, atol=5e-6)
+    np.testing.assert_allclose(out[:-3][x[:-3] > -30], exact[x[:-3] > -30], rtol=2e-3)
+    np.testing.assert_allclose(out[:-3][x[:-3] > -10], exact[x[:-3] > -10], rtol=1e-5)
+    assert out[100_000] == 1.0
+    assert not out[-3:].any()
