@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
+import time
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +30,8 @@ MAX_TABLE_BYTES = 1 << 30
 _FORMAT = b"mcl range table 2\n"
 _HEADER = 192
 """Bytes before the table: format, key, checksum. Whole words, so that the table can be read by the word."""
+UNUSED = 60 * 86_400
+"""Seconds after which a table that nobody has asked for makes room: it is large, and soon built again."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +170,8 @@ def load_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: flo
         # Read back, so that it lies in memory once for all who use it.
         if (wide := _read(path, key, (len(cells), width))) is None:
             return built
+    with suppress(OSError):
+        path.touch()
     return RangeTable(codes, cells, row_of_cell, wide)
 
 
@@ -218,6 +223,12 @@ def _header(key: str, rows: NDArray[np.uint8]) -> bytes:
     return (_FORMAT + key.encode() + checksum.encode()).ljust(_HEADER)
 
 
+def _make_room(folder: Path) -> None:
+    for old in folder.glob("*.ranges"):
+        if time.time() - old.stat().st_mtime > UNUSED:
+            old.unlink()
+
+
 def _write(path: Path, key: str, rows: NDArray[np.uint8]) -> None:
     temporary: Path | None = None
     try:
@@ -227,6 +238,7 @@ def _write(path: Path, key: str, rows: NDArray[np.uint8]) -> None:
             file.write(_header(key, rows))
             file.write(rows.data)
         temporary.replace(path)
+        _make_room(path.parent)
     except OSError:
         pass  # a cache that cannot be written costs time, nothing else
     finally:

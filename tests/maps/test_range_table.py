@@ -141,6 +141,19 @@ def test_every_map_threshold_and_laser_has_its_own_table(cache, built) -> None:
     assert len(built) == len(list(cache.iterdir())) == 5
 
 
+def test_a_table_that_nobody_asks_for_makes_room_for_others(cache, built) -> None:
+    """Unless it has been asked for since."""
+    for threshold in (0.3, 0.5):
+        load_range_table(grid(), threshold, MAX_RANGE)
+    for path in cache.iterdir():
+        os.utime(path, (0, 0))
+    load_range_table(grid(), 0.5, MAX_RANGE)
+    load_range_table(grid(), 0.8, MAX_RANGE)
+    assert len(list(cache.iterdir())) == 2
+    load_range_table(grid(), 0.5, MAX_RANGE)
+    assert built == [0.3, 0.5, 0.8]
+
+
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_cannot_be_written_costs_only_time(tmp_path, monkeypatch) -> None:
     tmp_path.chmod(0o500)
