@@ -60,16 +60,45 @@ def compare(
 
 
 def view(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd; or one log, an .mcap.")
+    ],
     connect: ConnectOption = None,
 ) -> None:
-    """Show a run in rerun's viewer, several on one time line."""
-    from pipeline.compare import record, send
-    from pipeline.export.run import read_run
+    """Show runs, or a log, in rerun's viewer.
+
+    Several runs share one time line; a log shows its map, and apart from it odometry and scans.
+    """
     from pipeline.recording import viewer
 
     if connect is not None:
         viewer.check_address(connect)
+    if len(runs) == 1 and runs[0].suffix == ".mcap":
+        _view_log(runs[0], connect)
+    else:
+        _view_runs(runs, connect)
+
+
+def _view_log(path: Path, connect: str | None) -> None:
+    from pipeline.logs.reader import read_log
+    from pipeline.recording import viewer
+    from pipeline.recording.raw_log import send_raw_log, write_raw_log
+
+    log = read_log(path)
+    if connect is not None:
+        send_raw_log(connect, log)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / f"{log.name}.rrd"
+        write_raw_log(recording, log)
+        viewer.show(recording)
+
+
+def _view_runs(runs: list[Path], connect: str | None) -> None:
+    from pipeline.compare import record, send
+    from pipeline.export.run import read_run
+    from pipeline.recording import viewer
+
     read = [read_run(run) for run in runs]
     for run in read:
         if run.told.damage:

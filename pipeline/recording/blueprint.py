@@ -89,13 +89,14 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
 
 
 def arranged(tabs: rrb.Tabs, events: rrb.View, beside: rrb.Vertical) -> rrb.Blueprint:
-    """The window of a recording: tabs with the events below them, curves beside both, and rerun's own panels away."""
+    """The window of a recording: tabs with the events below them, curves beside both."""
+    return framed(rrb.Horizontal(rrb.Vertical(tabs, events, row_shares=[5, 1]), beside, column_shares=[5, 2]))
+
+
+def framed(content: rrb.Container) -> rrb.Blueprint:
+    """A window of nothing but these views: rerun's own panels are away, and the cursor waits on the timeline t."""
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(tabs, events, row_shares=[5, 1]),
-            beside,
-            column_shares=[5, 2],
-        ),
+        content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused", playback_speed=4.0),

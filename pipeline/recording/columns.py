@@ -104,7 +104,7 @@ def _particles(frames: Sequence[Frame]) -> list[Any]:
     # of points at one height the last is drawn on top: the heaviest.
     rows = np.repeat(np.arange(len(frames)), lengths)
     order = np.argsort((rows * len(palette.WEIGHT_COLOURS) + levels) * 360 + degrees)
-    positions = _lift(particles[order, :2], 0.02)
+    positions = lift(particles[order, :2], 0.02)
     return [
         *rr.Points3D.columns(positions=positions, colors=_WEIGHT_RGBA[levels[order]]).partition(lengths),
         *rr.Arrows3D.columns(vectors=_HEADINGS[degrees[order]]).partition(lengths),
@@ -122,7 +122,7 @@ def _beams(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     returned, lost, hit = np.isfinite(measured), np.isposinf(measured), np.isfinite(expected)
 
     def ends(chosen: NDArray[np.bool_], ranges: NDArray[np.float64]) -> NDArray[np.float32]:
-        return _lift(directions[chosen] * ranges[chosen, None], 0.0)
+        return lift(directions[chosen] * ranges[chosen, None], 0.0)
 
     def lengths(chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
         return np.bincount(rows[chosen], minlength=len(beams))
@@ -145,7 +145,7 @@ def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     clusters = [s.clusters if len(s.clusters) > 1 else () for s in steps]
     labels = [f"{100 * c.weight:.0f} %" for row in clusters for c in row]
     lengths = [len(row) for row in clusters]
-    places = _lift(np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2), 0.12)
+    places = lift(np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2), 0.12)
     return [
         (entities.HYPOTHESES, [*ellipses(clusters), *rr.Ellipsoids3D.columns(labels=labels).partition(lengths)]),
         # A label has the colour of what it belongs to; pink on grey cannot be read, so points carry them.
@@ -156,7 +156,7 @@ def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
 def _path(frames: Sequence[Frame]) -> list[Any]:
     joined = [f for f in frames if f.joined]
     strips = np.array([(f.previous[:2], f.step.estimate.pose[:2]) for f in joined]).reshape(-1, 2, 2)
-    return list(rr.LineStrips3D.columns(strips=_lift(strips, 0.03)).partition([int(f.joined) for f in frames]))
+    return list(rr.LineStrips3D.columns(strips=lift(strips, 0.03)).partition([int(f.joined) for f in frames]))
 
 
 def _events(steps: Sequence[Step]) -> list[Columns]:
@@ -177,12 +177,12 @@ def segments(poses: NDArray[np.float64], z: float, joined: NDArray[np.bool_] | N
     drawn = np.ones(len(poses), np.bool_) if joined is None else joined.copy()
     drawn[0] = False
     strips = np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)[drawn[1:]]
-    return list(rr.LineStrips3D.columns(strips=_lift(strips, z)).partition(drawn.astype(np.int64)))
+    return list(rr.LineStrips3D.columns(strips=lift(strips, z)).partition(drawn.astype(np.int64)))
 
 
 def transforms(poses: NDArray[np.float64], z: float) -> list[Any]:
     """One transform to the map frame per pose (n, 3), at height z."""
-    return list(rr.Transform3D.columns(translation=_lift(poses[:, :2], z), quaternion=_turns(poses[:, 2])))
+    return list(rr.Transform3D.columns(translation=lift(poses[:, :2], z), quaternion=_turns(poses[:, 2])))
 
 
 def ellipses(rows: Sequence[Sequence[Estimate]]) -> list[Any]:
@@ -191,11 +191,11 @@ def ellipses(rows: Sequence[Sequence[Estimate]]) -> list[Any]:
     poses = np.array([e.pose for e in estimates], dtype=np.float64).reshape(-1, 3)
     covariances = np.array([e.covariance for e in estimates], dtype=np.float64).reshape(-1, 3, 3)[:, :2, :2]
     variances, axes = np.linalg.eigh(covariances)
-    half_sizes = _lift(2.0 * np.sqrt(np.maximum(variances, 0.0)), 0.0)
+    half_sizes = lift(2.0 * np.sqrt(np.maximum(variances, 0.0)), 0.0)
     return list(
         rr.Ellipsoids3D.columns(
             half_sizes=half_sizes,
-            centers=_lift(poses[:, :2], 0.05),
+            centers=lift(poses[:, :2], 0.05),
             quaternions=_turns(np.arctan2(axes[:, 1, 0], axes[:, 0, 0])),
         ).partition([len(row) for row in rows])
     )
@@ -238,7 +238,7 @@ def _lists(values: NDArray[Any], kind: Any) -> Any:
     return pa.ListArray.from_arrays(offsets, pa.array(values.reshape(-1), kind.value_type)).cast(kind)
 
 
-def _lift(points: ArrayLike, z: float) -> NDArray[np.float32]:
+def lift(points: ArrayLike, z: float) -> NDArray[np.float32]:
     """Points (..., 2) at height z, (..., 3), rounded to what a screen can show."""
     flat = np.asarray(points, dtype=np.float64)
     lifted = np.full((*flat.shape[:-1], 3), z, np.float32)

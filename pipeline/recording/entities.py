@@ -9,6 +9,7 @@ from pipeline.logs.messages import Log
 
 APPLICATION_ID = "mcl"
 SEVERAL_ID = "mcl-several"  # a viewer keeps one layout per application, and several runs need another one
+LOG_ID = "mcl-log"
 
 SCAN = "scan"  # timeline: index of the scan
 TIME = "t"  # timeline: duration since the first scan

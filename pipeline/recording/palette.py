@@ -17,6 +17,7 @@ ESTIMATE: Colour = (204, 0, 110)
 TRUTH: Colour = (0, 140, 100)
 HYPOTHESIS: Colour = (240, 110, 180)
 HINDSIGHT: Colour = (86, 180, 233)
+ODOMETRY: Colour = (60, 60, 60)
 NEUTRAL: Colour = (130, 130, 130)
 LETTERING: Colour = (20, 20, 20)
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too

@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.step import Step
-from pipeline.geometry import between, yaw_to_quaternion
+from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
 from pipeline.recording.columns import Columns, Frame, batch_columns, segments, timelines, transforms
 from pipeline.recording.sampling import draw, weight_bars
-from pipeline.recording.styles import styles
+from pipeline.recording.styles import drawn_map, styles
+from pipeline.recording.truth import JUMP, truth_at_scans
 from pipeline.recording.versions import versions
 
 Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
-JUMP = 0.5  # metres beyond what the odometry moved: the path is not drawn across
 HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
@@ -203,24 +203,8 @@ class RerunSink:
         self._stream.send_property(name, rr.AnyValues(**values))
 
     def _log_map(self, grid: OccupancyGrid) -> None:
-        shade = np.round(255 * (1 - np.nan_to_num(grid.occupancy)))
-        cells = np.where(grid.known, shade, palette.UNKNOWN[0]).astype(np.uint8)
-        picture = rr.components.ImageFormat(
-            width=grid.width, height=grid.height, color_model="L", channel_datatype="U8"
-        )
-        x, y, yaw = grid.origin
         self._static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._static(
-            entities.MAP,
-            rr.GridMap(
-                data=np.ascontiguousarray(cells[::-1]).tobytes(),  # a picture's first row is its top
-                format=picture,
-                cell_size=grid.resolution,
-                translation=[x, y, 0.0],
-                quaternion=rr.Quaternion(xyzw=yaw_to_quaternion(yaw)),
-                colormap=rr.components.Colormap.Grayscale,
-            ),
-        )
+        self._static(entities.MAP, drawn_map(grid))
         area = known_area(grid)
         self._static(
             entities.CAMERA,
@@ -262,24 +246,13 @@ class RerunSink:
             self._document(entities.DENSITY_NOTE, documents.density(float(true_range), config))
 
     def _log_truth(self) -> None:
-        truth = self._log.ground_truth
-        if truth is None or len(truth.stamps) == 0:
+        truth = truth_at_scans(self._log)
+        if truth is None:
             return
-        stamps = self._log.stamps
-        inside = np.flatnonzero((stamps >= truth.stamps[0]) & (stamps <= truth.stamps[-1]))
-        if len(inside) == 0:
-            return
-        # Seconds since the first scan: epoch nanoseconds do not fit a float.
-        known, wanted = ((s - stamps[0]) / 1e9 for s in (truth.stamps, stamps[inside]))
-        x, y, yaw = (np.interp(wanted, known, c) for c in (*truth.poses[:, :2].T, np.unwrap(truth.poses[:, 2])))
-        poses = np.stack([x, y, yaw], axis=-1)
+        inside, poses, joined = truth
         index = timelines(inside, self._log.times[inside])
         self._stream.send_columns(entities.TRUTH, index, transforms(poses, z=0.08))
-        # Where somebody carried the robot, the truth leaps and the odometry does not.
-        travelled = np.hypot(*np.diff(self._log.odometry[inside, :2], axis=0, prepend=np.nan).T)
-        leapt = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=np.nan).T)
-        path = segments(poses, z=0.03, joined=leapt <= travelled + JUMP)
-        self._stream.send_columns(entities.TRUTH_PATH, index, path)
+        self._stream.send_columns(entities.TRUTH_PATH, index, segments(poses, z=0.03, joined=joined))
 
 
 _NO_PARTICLES = np.empty((0, 3), dtype=np.float32)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_uppercase
@@ -29,7 +29,7 @@ from pipeline.recording.blueprint import (
 from pipeline.recording.columns import segments, timelines, transforms
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import CURVES, Scenes
-from pipeline.recording.viewer import check_address
+from pipeline.recording.streams import opened, sending
 
 MOST = len(ascii_uppercase)
 Apart = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
@@ -62,12 +62,12 @@ def write_side_by_side(path: Path, runs: Sequence[Shown], *, apart: Apart | None
 
 def send_side_by_side(address: str, runs: Sequence[Shown], *, apart: Apart | None) -> None:
     """Show the runs in the viewer at ``address``. Raises MclError if there are too many, or if it takes nothing."""
-    _sending(address, lambda sink: _fill(sink, runs, apart))
+    sending(address, lambda sink: _fill(sink, runs, apart))
 
 
 def send_run(address: str, run: Shown) -> None:
     """Show one run as its own recording does in the viewer at ``address``. Raises MclError if it takes nothing."""
-    _sending(address, lambda sink: _fill_with_one(sink, run))
+    sending(address, lambda sink: _fill_with_one(sink, run))
 
 
 def write_run(path: Path, run: Shown) -> None:
@@ -76,52 +76,29 @@ def write_run(path: Path, run: Shown) -> None:
 
 
 def _fill_with_one(sink: Any, run: Shown) -> None:
-    rr.set_strict_mode(True)
-    stream = rr.RecordingStream(run.file.application_id, recording_id=run.file.recording_id)
-    stream.set_log_time_enabled(False)
-    # The layout goes ahead of the data: sent as a file's own part, the viewer now and then misses it.
-    stream.set_sinks(sink, default_blueprint=blueprint(run.scenes.grid))
-    stream.send_chunks(run.file.chunks)
-    _close(stream)
-
-
-def _sending(address: str, fill: Callable[[Any], None]) -> None:
-    rr.set_strict_mode(True)
-    check_address(address)
-    try:
-        fill(rr.GrpcSink(address))
-    except RuntimeError as error:
-        raise MclError(f"the viewer at {address} does not take it: {error}") from error
+    layout = blueprint(run.scenes.grid)
+    with opened(sink, run.file.application_id, run.file.recording_id, layout) as stream:
+        stream.send_chunks(run.file.chunks)
 
 
 def _fill(sink: Any, runs: Sequence[Shown], apart: Apart | None) -> None:
     if len(runs) > MOST:
         raise MclError(f"at most {MOST} runs fit into one picture, {len(runs)} were given")
-    rr.set_strict_mode(True)
     ids = "-".join(run.file.recording_id for run in runs)
-    stream = rr.RecordingStream(entities.SEVERAL_ID, recording_id=f"side-by-side-{ids}"[:200])
-    stream.set_log_time_enabled(False)
     one_map = all(_same_map(run.scenes, runs[0].scenes) for run in runs)
-    stream.set_sinks(sink, default_blueprint=_blueprint(runs, one_map, apart is not None))
-    for letter, run, colour in zip(letters(len(runs)), runs, _colours(len(runs)), strict=True):
-        stream.send_chunks(_below(f"/{letter}", run.file))
-        for entity in CURVES.values():
-            lines = rr.SeriesLines(colors=colour, names=f"{letter}: {run.name}", widths=1.5)
-            stream.log(f"/{letter}{entity}", lines, static=True)
-        if one_map:
-            _log_overlay(stream, letter, run.scenes, colour)
-    if apart is not None:
-        scans, times, distances = apart
-        stream.log(DISTANCE, rr.SeriesLines(colors=palette.ESTIMATE, names="A to B, m", widths=1.5), static=True)
-        stream.send_columns(DISTANCE, timelines(scans, times), rr.Scalars.columns(scalars=distances))
-    _close(stream)
-
-
-def _close(stream: rr.RecordingStream) -> None:
-    try:
-        stream.flush()
-    finally:
-        stream.disconnect()
+    layout = _blueprint(runs, one_map, apart is not None)
+    with opened(sink, entities.SEVERAL_ID, f"side-by-side-{ids}"[:200], layout) as stream:
+        for letter, run, colour in zip(letters(len(runs)), runs, _colours(len(runs)), strict=True):
+            stream.send_chunks(_below(f"/{letter}", run.file))
+            for entity in CURVES.values():
+                lines = rr.SeriesLines(colors=colour, names=f"{letter}: {run.name}", widths=1.5)
+                stream.log(f"/{letter}{entity}", lines, static=True)
+            if one_map:
+                _log_overlay(stream, letter, run.scenes, colour)
+        if apart is not None:
+            scans, times, distances = apart
+            stream.log(DISTANCE, rr.SeriesLines(colors=palette.ESTIMATE, names="A to B, m", widths=1.5), static=True)
+            stream.send_columns(DISTANCE, timelines(scans, times), rr.Scalars.columns(scalars=distances))
 
 
 def _below(place: str, file: RrdFile) -> list[object]:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from pipeline.geometry import yaw_to_quaternion
+from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording import entities, palette
 
 # Widths in screen points stay visible when a whole building fills the window.
@@ -28,8 +30,8 @@ def styles() -> dict[str, list[Any]]:
         entities.SHARES: [rr.Points3D.from_fields(radii=_thin, colors=palette.LETTERING, show_labels=True)],
         entities.PATH: [rr.LineStrips3D.from_fields(radii=_thick, colors=palette.ESTIMATE)],
         entities.TRUTH_PATH: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.TRUTH)],
-        **_robot(entities.ESTIMATE_BODY, entities.ESTIMATE_HEADING, palette.ESTIMATE),
-        **_robot(entities.TRUTH_BODY, entities.TRUTH_HEADING, palette.TRUTH),
+        **robot(entities.ESTIMATE_BODY, entities.ESTIMATE_HEADING, palette.ESTIMATE),
+        **robot(entities.TRUTH_BODY, entities.TRUTH_HEADING, palette.TRUTH),
         entities.WEIGHTS: [_bars(palette.NEUTRAL, -1.0)],
         entities.WEIGHT_SHARE: [_bars(palette.ESTIMATE, 1.0)],
         entities.ESS: [_curve("effective sample size", palette.EXPECTED)],
@@ -40,7 +42,23 @@ def styles() -> dict[str, list[Any]]:
     }
 
 
-def _robot(body: str, heading: str, colour: palette.Colour) -> dict[str, list[Any]]:
+def drawn_map(grid: OccupancyGrid) -> rr.GridMap:
+    """The map, the darker the likelier a wall; what it does not know is as grey as the background."""
+    shade = np.round(255 * (1 - np.nan_to_num(grid.occupancy)))
+    cells = np.where(grid.known, shade, palette.UNKNOWN[0]).astype(np.uint8)
+    x, y, yaw = grid.origin
+    return rr.GridMap(
+        data=np.ascontiguousarray(cells[::-1]).tobytes(),  # a picture's first row is its top
+        format=rr.components.ImageFormat(width=grid.width, height=grid.height, color_model="L", channel_datatype="U8"),
+        cell_size=grid.resolution,
+        translation=[x, y, 0.0],
+        quaternion=rr.Quaternion(xyzw=yaw_to_quaternion(yaw)),
+        colormap=rr.components.Colormap.Grayscale,
+    )
+
+
+def robot(body: str, heading: str, colour: palette.Colour) -> dict[str, list[Any]]:
+    """A circle and an arrow ahead, below whatever moves with it."""
     angles = np.linspace(0.0, 2 * np.pi, 33)
     outline = 0.3 * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=-1)
     return {

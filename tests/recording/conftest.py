@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import subprocess
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -7,10 +9,12 @@ from typing import Any
 import pyarrow as pa
 import pytest
 from synthetic import DENSITY, drive, steps
+from test_viewer import PATIENCE, free_port
 
 from pipeline.config import Config
 from pipeline.filter.step import Step
 from pipeline.logs.messages import Log
+from pipeline.recording import viewer
 from pipeline.recording.rerun_sink import RerunSink
 from pipeline.recording.rrd_file import read_rrd
 
@@ -56,3 +60,20 @@ def record(tmp_path: Path) -> Callable[..., Recorded]:
         return Recorded(path, log, config, seen)
 
     return write
+
+
+@pytest.fixture
+def listening():
+    """The part of a viewer that listens; no screen is needed. Its process, and its address."""
+    port = free_port()
+    process = subprocess.Popen(
+        [viewer.program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
+        env=viewer.quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    address = f"rerun+http://127.0.0.1:{port}/proxy"
+    until = time.monotonic() + PATIENCE
+    while not viewer._listens("127.0.0.1", port, 0.2) and time.monotonic() < until:
+        time.sleep(0.05)
+    yield process, address
+    process.kill()
+    process.wait()

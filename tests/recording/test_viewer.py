@@ -1,18 +1,23 @@
 """The recording as the viewer shows it: headless, where a Vulkan driver (a software one will do) is installed."""
 
 import functools
+import io
 import os
 import shutil
 import socket
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 from synthetic import DENSITY, drive, steps
 
 from pipeline.config import Config
 from pipeline.recording import rerun_sink
+from pipeline.recording.raw_log import write_raw_log
 
 DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
 needs_vulkan = pytest.mark.skipif(
@@ -28,16 +33,45 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-@needs_vulkan
-@pytest.mark.parametrize("tab", [0, 1])
-def test_no_view_reports_an_error(tmp_path, monkeypatch, tab):
+@pytest.fixture
+def showing(tmp_path, monkeypatch):
+    """Opens a file in a viewer without a screen, and waits until it is loaded."""
     from rerun.experimental import ViewerClient
 
-    monkeypatch.setattr(rerun_sink, "blueprint", functools.partial(rerun_sink.blueprint, tab=tab))
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("CI", "1")  # no analytics
     monkeypatch.setenv("HOME", str(tmp_path))
     assert shutil.which("rerun")
+
+    @contextmanager
+    def show(path: Path):
+        with ViewerClient.spawn(headless=True, port=free_port(), hide_welcome_screen=True) as viewer:
+            viewer.open(str(path))
+            settled(viewer, lambda state: state.recordings and state.recordings[0].timelines and state.views)
+            yield viewer
+
+    return show
+
+
+def settled(viewer, what) -> bool:
+    until = time.monotonic() + PATIENCE
+    while (state := viewer.get_state()).loading or not what(state):
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.2)
+    return True
+
+
+def reports(viewer) -> dict[str, object]:
+    """What views complain of; while static data is still on its way they may, but they must settle."""
+    settled(viewer, lambda state: not any(view.reports for view in state.views))
+    return {view.name: view.reports for view in viewer.get_state().views if view.reports}
+
+
+@needs_vulkan
+@pytest.mark.parametrize("tab", [0, 1])
+def test_no_view_reports_an_error(tmp_path, monkeypatch, showing, tab):
+    monkeypatch.setattr(rerun_sink, "blueprint", functools.partial(rerun_sink.blueprint, tab=tab))
     log = drive(60)
     path = tmp_path / "run.rrd"
     with rerun_sink.RerunSink(path, log=log, config=Config(), seed=0, density=DENSITY) as sink:
@@ -45,23 +79,57 @@ def test_no_view_reports_an_error(tmp_path, monkeypatch, tab):
             sink.log(step)
         sink.finish({"converged_at": 3.0})
 
-    with ViewerClient.spawn(headless=True, port=free_port(), hide_welcome_screen=True) as viewer:
-        viewer.open(str(path))
-        deadline = time.monotonic() + PATIENCE
-        while time.monotonic() < deadline:
-            state = viewer.get_state()
-            if not state.loading and state.recordings and state.recordings[0].timelines and state.views:
-                break
-            time.sleep(0.2)
-        timelines = {timeline.name: timeline for timeline in state.recordings[0].timelines}
-        assert {"scan", "t"} <= set(timelines)
+    with showing(path) as viewer:
+        assert {"scan", "t"} <= {timeline.name for timeline in viewer.get_state().recordings[0].timelines}
         for scan in (0, 30, 59):
             viewer.set_time("scan", sequence=scan, play_state="paused")
             picture = viewer.take_screenshot()
             assert picture.startswith(b"\x89PNG")
-        # While static data is still on its way, a view may complain; it must settle.
-        while any(view.reports for view in viewer.get_state().views) and time.monotonic() < deadline:
-            time.sleep(0.2)
-        views = viewer.get_state().views
-        assert {"Map", "Map, flat", "Events"} <= {view.name for view in views}
-        assert {view.name: view.reports for view in views if view.reports} == {}
+        assert {"Map", "Map, flat", "Events"} <= {view.name for view in viewer.get_state().views}
+        assert reports(viewer) == {}
+
+
+def pictures(viewer, view, times, timeline, name) -> list[np.ndarray]:
+    """A view at these times, once it stands still."""
+    found = []
+    for at in times:
+        viewer.set_time(timeline, **{name: at}, play_state="paused")
+        assert reports(viewer) == {}
+        before, now = None, seen(viewer, view)
+        until = time.monotonic() + PATIENCE
+        while (before is None or (before != now).any()) and time.monotonic() < until:
+            time.sleep(0.3)
+            before, now = now, seen(viewer, view)
+        found.append(now)
+    return found
+
+
+def seen(viewer, view) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(viewer.take_screenshot(view.view_id))).convert("RGB"), np.int16)
+
+
+def changed(a: np.ndarray, b: np.ndarray) -> float:
+    """The share of the pixels that differ."""
+    return float((np.abs(a - b).max(axis=-1) > 40).mean())
+
+
+@needs_vulkan
+def test_an_mcap_shows_the_map_and_the_robot_moving(office, showing):
+    with showing(office.path) as viewer:
+        (view,) = viewer.get_state().views
+        early, late = pictures(viewer, view, (1.0, 60.0), "message_log_time", "timestamp")
+        white = (early.min(axis=-1) > 230).mean()
+        assert white > 0.02  # the map's floor
+        assert 0 < changed(early, late) < 0.01  # the robot
+
+
+@needs_vulkan
+def test_a_log_shows_the_map_and_the_robot_moving(office, tmp_path, showing):
+    path = tmp_path / "log.rrd"
+    write_raw_log(path, office)
+    with showing(path) as viewer:
+        views = {view.name: view for view in viewer.get_state().views}
+        assert set(views) == {"Map", "Odometry"}
+        for view in views.values():
+            early, late = pictures(viewer, view, (1.0, 60.0), "t", "duration")
+            assert 0 < changed(early, late) < 0.05

@@ -18,23 +18,6 @@ from pipeline.recording import viewer
 from pipeline.recording.rerun_sink import RerunSink
 
 
-@pytest.fixture
-def listening():
-    """The part of a viewer that listens; no screen is needed. Its process, and its address."""
-    port = free_port()
-    process = subprocess.Popen(
-        [viewer.program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
-        env=viewer.quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    address = f"rerun+http://127.0.0.1:{port}/proxy"
-    until = time.monotonic() + PATIENCE
-    while not viewer._listens("127.0.0.1", port, 0.2) and time.monotonic() < until:
-        time.sleep(0.05)
-    yield process, address
-    process.kill()
-    process.wait()
-
-
 def write(path: Path, address: str | None, at: int = 0, meanwhile=lambda: None) -> Path:
     log = drive(150)
     with RerunSink(path, log=log, config=Config(), seed=0, density=DENSITY, viewer=address) as sink:

@@ -1,0 +1,100 @@
+"""A log as it was recorded, before anybody has found the robot: the map, and apart from it odometry and scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from pipeline.geometry import compose
+from pipeline.logs.messages import Log
+from pipeline.recording import entities, palette
+from pipeline.recording.blueprint import ASPECT, Area, framed, known_area, looking_down, map_views, so_far
+from pipeline.recording.columns import lift, segments, timelines, transforms
+from pipeline.recording.streams import opened, sending
+from pipeline.recording.styles import drawn_map, robot
+from pipeline.recording.truth import truth_at_scans
+
+ODOMETRY = "/odometry"
+PATH, ROBOT = f"{ODOMETRY}/path", f"{ODOMETRY}/robot"
+SCAN = "scan"  # below a robot
+MARGIN = 10.0  # metres around the path, for the scans
+_dot, _line = rr.Radius.ui_points(1.5), rr.Radius.ui_points(1.0)
+
+
+def write_raw_log(path: Path, log: Log) -> None:
+    """Write a recording of the log."""
+    _fill(rr.FileSink(path), log)
+
+
+def send_raw_log(address: str, log: Log) -> None:
+    """Show the log in the viewer at ``address``. Raises MclError if it takes nothing."""
+    sending(address, lambda sink: _fill(sink, log))
+
+
+def _fill(sink: Any, log: Log) -> None:
+    with opened(sink, entities.LOG_ID, f"{log.name}-{log.sha256[:12]}", _layout(log)) as stream:
+        everything = np.arange(len(log))
+        unbroken = np.ones(len(log), np.bool_)
+        _drive(stream, log, everything, log.odometry, unbroken, (ROBOT, PATH), palette.ODOMETRY)
+        if log.grid is not None:
+            stream.log(entities.MAP, drawn_map(log.grid), static=True)
+        truth = truth_at_scans(log)
+        if truth is not None:
+            _drive(stream, log, *truth, (entities.TRUTH, entities.TRUTH_PATH), palette.TRUTH)
+
+
+def _drive(
+    stream: rr.RecordingStream,
+    log: Log,
+    scans: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    joined: NDArray[np.bool_],
+    places: tuple[str, str],
+    colour: palette.Colour,
+) -> None:
+    """The robot at these poses (n, 3) of these scans (n,), with what it measured there, and its path."""
+    moving, path = places
+    index = timelines(scans, log.times[scans])
+    stream.send_columns(moving, index, transforms(poses, z=0.1))
+    for entity, archetypes in robot(f"{moving}/body", f"{moving}/heading", colour).items():
+        stream.log(entity, *archetypes, static=True)
+    stream.send_columns(path, index, segments(poses, z=0.03, joined=joined))
+    stream.log(path, rr.LineStrips3D.from_fields(radii=_line, colors=colour), static=True)
+    ranges = log.ranges[scans]
+    returned = np.isfinite(ranges)
+    rows, beams = np.nonzero(returned)
+    angles, reach = log.laser.angles[beams], ranges[rows, beams]
+    ends = np.column_stack([reach * np.cos(angles), reach * np.sin(angles), 0 * angles])
+    points = lift(compose(np.array(log.laser.pose), ends)[:, :2], 0.0)
+    stream.send_columns(
+        f"{moving}/{SCAN}", index, rr.Points3D.columns(positions=points).partition(returned.sum(axis=1))
+    )
+    stream.log(f"{moving}/{SCAN}", rr.Points3D.from_fields(radii=_dot, colors=palette.MEASURED), static=True)
+
+
+def _layout(log: Log) -> rrb.Blueprint:
+    low, high = log.odometry[:, :2].min(axis=0) - MARGIN, log.odometry[:, :2].max(axis=0) + MARGIN
+    area = Area(
+        (float((low[0] + high[0]) / 2), float((low[1] + high[1]) / 2)),
+        (float(high[0] - low[0]), float(high[1] - low[1])),
+    )
+    aspect = ASPECT if log.grid is None else ASPECT / 2
+    views: list[rrb.View] = [
+        rrb.Spatial3DView(
+            origin=ODOMETRY,
+            name="Odometry",
+            contents=f"{ODOMETRY}/**",
+            eye_controls=looking_down(area, aspect),
+            line_grid=False,
+            background=palette.UNKNOWN,
+            overrides={PATH: so_far()},
+        )
+    ]
+    if log.grid is not None:
+        views.insert(0, map_views(known_area(log.grid), name="Map", aspect=aspect)[0])
+    return framed(rrb.Horizontal(*views))

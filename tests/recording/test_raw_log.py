@@ -1,0 +1,63 @@
+"""A log as a recording: what is in it, and what becomes of it on the command line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from synthetic import drive
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.recording.columns import DISPLAY_STEP
+from pipeline.recording.raw_log import write_raw_log
+from pipeline.recording.rrd_file import read_rrd
+
+
+@pytest.fixture
+def recorded(tmp_path):
+    """The entities of a log's recording, and its columns: a list per scan."""
+
+    def write(log):
+        path = tmp_path / "log.rrd"
+        write_raw_log(path, log)
+        chunks = read_rrd(path).chunks
+
+        def column(entity, component):
+            batches = [c.to_record_batch() for c in chunks if c.entity_path == entity and not c.is_static]
+            return pa.Table.from_batches([b for b in batches if component in b.schema.names])[component].to_pylist()
+
+        return {chunk.entity_path for chunk in chunks}, column
+
+    return write
+
+
+def test_every_scan_is_drawn_where_the_odometry_has_it_and_where_it_was(recorded):
+    log = drive(40)
+    ranges = log.ranges.copy()
+    ranges[7, :100], ranges[7, 100:] = np.nan, np.inf
+    log = replace(log, ranges=ranges)
+    _, column = recorded(log)
+    x, y, _ = log.laser.pose
+    ends = np.column_stack([np.cos(log.laser.angles), np.sin(log.laser.angles)]) * ranges[3][:, None] + [x, y]
+    for robot, poses in (("/odometry/robot", log.odometry), ("/world/truth", log.ground_truth.poses)):
+        places = np.array(column(robot, "Transform3D:translation"))[:, 0, :2]
+        assert np.allclose(places, poses[:, :2], atol=DISPLAY_STEP)
+        drawn = column(f"{robot}/scan", "Points3D:positions")
+        assert [len(points) for points in drawn] == [180 * (i != 7) for i in range(40)]
+        assert np.allclose(np.array(drawn[3])[:, :2], ends, atol=DISPLAY_STEP)
+
+
+def test_what_a_log_lacks_is_left_out(recorded):
+    entities, _ = recorded(replace(drive(5, truth=False), grid=None))
+    assert "/odometry/robot/scan" in entities
+    assert not any(entity.startswith("/world") for entity in entities)
+
+
+def test_a_log_is_viewed_alone(office, tmp_path, listening):
+    _, address = listening
+    viewed = CliRunner().invoke(app, ["view", str(office.path), "--connect", address])
+    assert viewed.exit_code == 0
+    both = CliRunner().invoke(app, ["view", str(office.path), str(office.path), "--connect", address])
+    assert both.exit_code == 1
+    assert "not a rerun recording" in both.stderr
