@@ -124,12 +124,14 @@ def replay(
         folder.write_config(config, _how_to_repeat(log, folder, seed, given))
         with ExitStack() as stack:
             recordings: list[RerunSink] = []
+            opening = 0.0
             if record:
                 from pipeline.recording.rerun_sink import RerunSink
 
-                density = _sensor_model(log, config)
+                density, begun = _sensor_model(log, config), time.perf_counter()
                 sink = RerunSink(folder.recording, log=log, config=config, seed=seed, density=density, viewer=viewer)
                 recordings = [stack.enter_context(sink)]
+                opening = time.perf_counter() - begun
             sinks: list[Sink] = [*recordings, recorded] if record else []
             if mcap is not None:
                 sinks.append(_Published(stack.enter_context(_result_file(mcap, log, config, seed)), config, seed))
@@ -138,7 +140,8 @@ def replay(
             done = time.perf_counter()
             for recording in recordings:
                 recording.finish({"timings": result.seconds, **_figures(log, result)}, result.hindsight)
-        seconds = result.seconds | {"close": time.perf_counter() - done}
+        recorded_in = opening + result.seconds["record"]
+        seconds = result.seconds | {"record": recorded_in, "close": time.perf_counter() - done}
     except BaseException as error:
         if isinstance(error, MclError) or not recorded.steps:
             shutil.rmtree(folder.path)

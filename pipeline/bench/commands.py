@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -20,16 +21,19 @@ def commands(log: Path, repeats: int) -> list[Row]:
     for particles, beams in ((500, 36), (2000, 60)):
         name = f"mcl localize, {particles} particles x {beams} beams"
         given = ["localize", str(log), "--particles", str(particles), "--set", f"max_beams={beams}"]
-        recorded, bare, peaks = [], [], []
+        recorded, bare, peaks, writing = [], [], [], []
         with tempfile.TemporaryDirectory() as folder:
             for k in range(repeats + 1):
                 wall, peak = _run([*mcl, *given, "-o", f"{folder}/{k}"])
                 recorded.append(wall)
+                parts = json.loads(Path(folder, str(k), "run.json").read_text(encoding="utf-8"))["seconds"]
+                writing.append(parts["record"] + parts["close"])
                 peaks.append(peak)
                 bare.append(_run([*mcl, *given, "--no-record", "-o", f"{folder}/bare{k}"])[0])
         rows.append(row(name, "s", recorded[1:]))
         less = [a - b for a, b in zip(recorded, bare, strict=True)]
         rows.append(row(f"{name}: for the recording", "s", less[1:]))
+        rows.append(row(f"{name}: writing it, once rerun is loaded", "s", writing[1:]))
         if any(peaks):
             rows.append(row(f"{name}: peak memory", "MB", peaks[1:]))
     return rows
