@@ -18,13 +18,12 @@ from pipeline.errors import MclError
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.recording import entities
+from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile, read_rrd
 from pipeline.recording.run_folder import RECORDING
 
 NAMED = 8
 """Runs of a folder that are named."""
-GAP = 5.0
-"""Times the usual interval between scans: so long without a scan, and the estimate in force is an old one."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ class Inspection:
         if not 0 < after < self.scans:
             return None
         begin, end = float(self.times[after - 1]), float(self.times[after])
-        return (begin, end) if begin < time and end - begin > GAP * float(np.median(np.diff(self.times))) else None
+        return (begin, end) if begin < time and end - begin > longest_interval(self.times) else None
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the poses, as JSON-like values."""

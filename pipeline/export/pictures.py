@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pipeline.export.canvas import BLACK, GREY, PAPER, Box, Canvas, Colour, Raster, Window
 from pipeline.export.run import Moment, Run
-from pipeline.inspect import GAP
 from pipeline.recording import palette
+from pipeline.recording.gaps import longest_interval
 from pipeline.recording.scenes import Scenes
 
 CLOSE = 12.0
@@ -195,8 +195,7 @@ class Curve:
 
     def _until(self, row: int) -> NDArray[np.float64]:
         """Broken where there are no scans: nothing is known of what was between."""
-        steps = np.diff(self.times[: row + 1])
-        gaps = steps > GAP * float(np.median(np.diff(self.times))) if row else steps > 0
+        gaps = np.diff(self.times[: row + 1]) > longest_interval(self.times)
         return np.insert(self._points[: row + 1], _breaks(gaps), np.nan, axis=0)
 
     @cached_property

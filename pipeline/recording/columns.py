@@ -33,7 +33,8 @@ class Frame:
 
     ``particles`` (m, 3) and ``levels`` (m,) are the drawn ones; ``count`` is how many there were;
     ``bars`` and ``weight_bars`` (bins,) are percent of the particles and of their weight;
-    ``joined``: the path goes on from ``previous``, a pose (3,), without a jump.
+    ``joined``: the path goes on from ``previous``, a pose (3,), without a jump;
+    ``silent_since``: the time of the scan before, s, if that is long ago.
     """
 
     step: Step
@@ -44,6 +45,7 @@ class Frame:
     weight_bars: NDArray[np.float32]
     previous: NDArray[np.float64]
     joined: bool
+    silent_since: float | None = None
 
 
 def timelines(indices: ArrayLike, seconds: ArrayLike) -> list[Any]:
@@ -71,7 +73,19 @@ def batch_columns(frames: Sequence[Frame]) -> list[Columns]:
         (entities.WEIGHT_SHARE, bar_charts(np.stack([f.weight_bars for f in frames]))),
         *((entity, rr.Scalars.columns(scalars=[curve(f) for f in frames])) for entity, curve in _CURVES.items()),
     ]
-    return [(entity, index, components) for entity, components in parts] + _events(steps)
+    ends = [f.silent_since for f in frames if f.silent_since is not None]
+    stops = [curve_stops(entity, ends) for entity in _CURVES] if ends else []
+    return [(entity, index, components) for entity, components in parts] + stops + _events(steps)
+
+
+def curve_stops(entity: str, times: ArrayLike) -> Columns:
+    """Rows without a value, right after these times (n,) s: the curve stops instead of going straight on to the next.
+
+    On the timeline t alone, for among the scans none is missing.
+    """
+    after = np.round(np.asarray(times, dtype=np.float64) * 1e9).astype("timedelta64[ns]") + np.timedelta64(1, "ns")
+    nothing = rr.Scalars.columns(scalars=[]).partition([0] * len(after))
+    return (entity, [rr.TimeColumn(entities.TIME, duration=after)], list(nothing))
 
 
 _CURVES: dict[str, Callable[[Frame], float]] = {

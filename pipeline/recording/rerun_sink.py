@@ -22,6 +22,7 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
 from pipeline.recording.columns import Columns, Frame, batch_columns, segments, timelines, transforms
+from pipeline.recording.gaps import longest_interval
 from pipeline.recording.sampling import draw, weight_bars
 from pipeline.recording.styles import drawn_map, styles
 from pipeline.recording.truth import JUMP, truth_at_scans
@@ -65,6 +66,7 @@ class RerunSink:
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
+        self._longest_interval = longest_interval(log.times)
         self._closed = False
         self._viewed = viewer is not None
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
@@ -98,6 +100,7 @@ class RerunSink:
         drawn = draw(len(step.particles), self._config.record_particles, self._seed, step.index)
         bars, share = weight_bars(step.log_weights)
         pose = np.array(step.estimate.pose, dtype=np.float64)
+        before = None if self._previous is None else self._previous[0].time
         frame = Frame(
             step=dataclasses.replace(step, particles=_NO_PARTICLES, log_weights=_NO_WEIGHTS),
             particles=step.particles[drawn],
@@ -107,6 +110,7 @@ class RerunSink:
             weight_bars=share,
             previous=pose if self._previous is None else self._previous[1],
             joined=self._joins(step),
+            silent_since=before if before is not None and step.time - before > self._longest_interval else None,
         )
         self._previous = (step, pose)
         self._frames.append(frame)

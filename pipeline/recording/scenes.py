@@ -203,6 +203,7 @@ class _Tables:
         parts = [
             pa.Table.from_batches([chunk.to_record_batch()]).replace_schema_metadata()
             for chunk in self._chunks[entity, static]
+            if static or entities.SCAN in chunk.timeline_names
         ]
         return pa.concat_tables(parts, promote_options="default") if parts else None
 

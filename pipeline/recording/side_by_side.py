@@ -26,7 +26,8 @@ from pipeline.recording.blueprint import (
     map_views,
     so_far,
 )
-from pipeline.recording.columns import segments, timelines, transforms
+from pipeline.recording.columns import curve_stops, segments, timelines, transforms
+from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import CURVES, Scenes
 from pipeline.recording.streams import opened, sending
@@ -99,6 +100,9 @@ def _fill(sink: Any, runs: Sequence[Shown], apart: Apart | None) -> None:
             scans, times, distances = apart
             stream.log(DISTANCE, rr.SeriesLines(colors=palette.ESTIMATE, names="A to B, m", widths=1.5), static=True)
             stream.send_columns(DISTANCE, timelines(scans, times), rr.Scalars.columns(scalars=distances))
+            silent = times[:-1][np.diff(times) > longest_interval(times)]
+            if len(silent):
+                stream.send_columns(*curve_stops(DISTANCE, silent))
 
 
 def _below(place: str, file: RrdFile) -> list[object]:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.export.run import Run
-from pipeline.inspect import GAP
 from pipeline.recording import palette
+from pipeline.recording.gaps import longest_interval
 from pipeline.recording.scenes import Ragged
 
 STEPS = 65_535
@@ -108,7 +108,7 @@ def packed(run: Run) -> tuple[dict[str, Any], bytes]:
         "colours": _COLOURS,
         "layers": _layers(run),
         "curves": curves,
-        "gap": GAP * float(np.median(np.diff(scenes.times))) if len(scenes) > 1 else 0.0,
+        "gap": longest_interval(scenes.times) if len(scenes) > 1 else 0.0,
         "about": _about(run),
         "arrays": where,
     }

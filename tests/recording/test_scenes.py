@@ -1,12 +1,14 @@
 """What is read back as arrays is what the steps held."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from synthetic import building, drive
 
 from pipeline.errors import MclError
 from pipeline.geometry import wrap_angle
-from pipeline.recording import palette
+from pipeline.recording import entities, palette
 from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.rrd_file import RrdFile, read_rrd
 from pipeline.recording.scenes import Ragged, read_scenes
@@ -85,3 +87,17 @@ def test_rows_that_are_missing_are_empty():
     assert [picked[k].tolist() for k in range(4)] == [[2, 3, 4, 5], [], [0, 1], []]
     empty = Ragged(np.empty((0, 2)), np.zeros(1, np.int64))
     assert len(empty.at(np.array([-1, -1]))) == 2
+
+
+def test_curves_stop_where_the_log_is_silent(record):
+    log = drive(150)
+    stamps = log.stamps.copy()
+    stamps[64:] += 30_000_000_000  # between two batches
+    stamps[100:] += 500_000_000  # late, but nothing was missed
+    run = record(scans=150, particles=40, log=replace(log, stamps=stamps), summary={})
+    stops = [c for c in run.file.chunks if c.entity_path == entities.EXPLAINED and "scan" not in c.timeline_names]
+    (batch,) = (chunk.to_record_batch() for chunk in stops if not chunk.is_static)
+    assert batch["t"].cast("int64").to_pylist() == [int(stamps[63] - stamps[0]) + 1]
+    assert batch["Scalars:scalars"].to_pylist() == [[]]
+    curves = read_scenes(run.file).curves
+    assert all(len(curve) == 150 and np.isfinite(curve).all() for curve in curves.values())
