@@ -20,7 +20,9 @@ CLOSE = 12.0
 LEGEND: tuple[tuple[str, Colour], ...] = (
     ("estimate, its path, 2 sigma", palette.ESTIMATE),
     ("other hypotheses, share of weight", palette.HYPOTHESIS),
-    ("beams as measured", palette.MEASURED),
+    ("beams that fit the map", palette.HIT),
+    ("that something stopped short", palette.SHORT),
+    ("that went on behind a wall", palette.LONG),
     ("where the map ends them", palette.EXPECTED),
     ("known in hindsight", palette.HINDSIGHT),
     ("truth", palette.TRUTH),
@@ -123,7 +125,7 @@ class Painter:
             return ()
         explained, spread = scenes.curves["explained"], scenes.curves["spread"]
         return (
-            Curve(places[0], "share of the beams explained", scenes.times, explained, palette.EXPECTED, unit, 1.0),
+            Curve(places[0], "share of the beams explained", scenes.times, explained, palette.CURVE, unit, 1.0),
             Curve(places[1], "spread of the particles, m", scenes.times, spread, palette.ESTIMATE, unit, None),
         )
 
@@ -254,7 +256,9 @@ def _scene(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: float
     laser = window.pixels(scenes.lasers[row])
     if near:
         canvas.lines(laser, window.pixels(scenes.no_return[row]), palette.NO_RETURN, thin)
-    canvas.lines(laser, window.pixels(scenes.measured[row]), palette.MEASURED, thin)
+    beams = (scenes.hits, palette.HIT), (scenes.shorts, palette.SHORT), (scenes.longs, palette.LONG)
+    for ends, colour in beams:
+        canvas.lines(laser, window.pixels(ends[row]), colour, thin)
     particles, levels = scenes.particles[row], scenes.levels[row]
     for level in np.unique(levels).astype(int):
         chosen = particles[levels == level]

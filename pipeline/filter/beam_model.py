@@ -51,6 +51,13 @@ def mixture_density(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: 
     return config.z_hit * p_hit + config.z_short * p_short + config.z_long * p_long + config.z_rand * p_rand
 
 
+def is_hit(z: ArrayLike, z_star: ArrayLike, config: Config, max_range: float) -> NDArray[np.bool_]:
+    """Whether the model takes a reading for a hit rather than for all else; arguments as ``mixture_density``."""
+    all_else = config.model_copy(update={"z_hit": 0.0})
+    density = mixture_density(z, z_star, config, max_range)
+    return mixture_density(z, z_star, all_else, max_range) < 0.5 * density
+
+
 def step_density(z: Array, low: Array, high: Array, config: Config, max_range: float) -> Array:
     """Mean of ``mixture_density`` over true ranges from ``low`` to ``high``: readings (n,) and steps (m,) -> (n, m).
 

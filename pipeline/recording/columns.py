@@ -18,6 +18,8 @@ from pipeline.filter.step import Estimate, Step
 from pipeline.recording import entities, palette
 
 Columns = tuple[str, list[Any], list[Any]]  # entity, timelines, components: the arguments of send_columns
+IsHit = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
+"""What the sensor model says of readings (k,) m where the map's ranges are (k,) m."""
 
 DISPLAY_STEP = 1 / 256  # metres: below a pixel on any screen, and a third of the bytes
 HEADING_LENGTH = 0.3  # metres
@@ -57,14 +59,14 @@ def timelines(indices: ArrayLike, seconds: ArrayLike) -> list[Any]:
     ]
 
 
-def batch_columns(frames: Sequence[Frame]) -> list[Columns]:
-    """Everything that these frames (at least one) add to the recording."""
+def batch_columns(frames: Sequence[Frame], is_hit: IsHit) -> list[Columns]:
+    """Everything that these frames (at least one) add to the recording; beams that are no hits are shorts or longs."""
     steps = [frame.step for frame in frames]
     index = timelines([s.index for s in steps], [s.time for s in steps])
     parts: list[tuple[str, list[Any]]] = [
         (entities.RECORD, _record(steps)),
         (entities.PARTICLES, _particles(frames)),
-        *_beams(steps),
+        *_beams(steps, is_hit),
         (entities.ESTIMATE, transforms(np.stack([s.estimate.pose for s in steps]), z=0.1)),
         (entities.COVARIANCE, ellipses([(s.estimate,) for s in steps])),
         *_hypotheses(steps),
@@ -125,7 +127,7 @@ def _particles(frames: Sequence[Frame]) -> list[Any]:
     ]
 
 
-def _beams(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
+def _beams(steps: Sequence[Step], is_hit: IsHit) -> list[tuple[str, list[Any]]]:
     beams = [s.beams for s in steps]
     counts = [len(b.angles) for b in beams]
     rows = np.repeat(np.arange(len(beams)), counts)
@@ -133,7 +135,9 @@ def _beams(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     measured = np.concatenate([b.measured for b in beams]).astype(np.float64)
     expected = np.concatenate([b.expected for b in beams]).astype(np.float64)
-    returned, lost, hit = np.isfinite(measured), np.isposinf(measured), np.isfinite(expected)
+    returned, lost, ended = np.isfinite(measured), np.isposinf(measured), np.isfinite(expected)
+    hits = returned & is_hit(np.where(returned, measured, 0.0), expected)
+    shorts = returned & ~hits & (measured < expected)
 
     def ends(chosen: NDArray[np.bool_], ranges: NDArray[np.float64]) -> NDArray[np.float32]:
         return lift(directions[chosen] * ranges[chosen, None], 0.0)
@@ -148,9 +152,11 @@ def _beams(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
 
     return [
         (entities.LASER, transforms(np.stack([b.laser for b in beams]), z=0.04)),
-        (entities.MEASURED, list(rays(returned, measured))),
+        (entities.HITS, list(rays(hits, measured))),
+        (entities.SHORTS, list(rays(shorts, measured))),
+        (entities.LONGS, list(rays(returned & ~hits & ~shorts, measured))),
         (entities.NO_RETURN, list(rays(lost, np.full_like(measured, STUB_LENGTH)))),
-        (entities.EXPECTED, list(rr.Points3D.columns(positions=ends(hit, expected)).partition(lengths(hit)))),
+        (entities.EXPECTED, list(rr.Points3D.columns(positions=ends(ended, expected)).partition(lengths(ended)))),
     ]
 
 

@@ -20,8 +20,10 @@ The robot moves, the particles move with it; the laser measures, and what does n
 | magenta ring and arrow | the estimate: the mean of the heaviest hypothesis |
 | magenta ellipse | its position, 2 sigma |
 | magenta line | where the estimate has been so far; not joined across jumps |
-| blue lines | the beams as measured, laid out from the estimate |
-| orange dots | where these beams should end; if elsewhere, the estimate is wrong or somebody is in the way |
+| blue lines | beams that end where the map says, laid out from the estimate |
+| vermilion lines | beams that something stopped short: people, a shut door; or the estimate is wrong |
+| black lines | beams that went on behind the map's wall: an open door; or the estimate is wrong |
+| yellow dots | where the map ends the beams |
 | grey stubs | beams without return |
 | pink ellipses with a share | other hypotheses, with their part of the weight |
 | a carpet of such dots | for a second, what a search of the building found: the best pose in each cell |

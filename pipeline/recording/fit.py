@@ -34,7 +34,7 @@ def write_fit(
         stream.save(path, default_blueprint=_blueprint())
     except Exception as error:
         raise MclError(f"cannot write the recording: {error}", path=path) from error
-    colours = (palette.NEUTRAL, palette.EXPECTED, palette.MEASURED)
+    colours = (palette.NEUTRAL, palette.CURVE, palette.HIT)
     for entity, density, colour in zip((MEASURED, BEFORE, AFTER), residuals, colours, strict=True):
         stream.log(entity, rr.BarChart(density.astype(np.float32), abscissa=at, color=colour), static=True)
     for entity, plane in zip((PLANE_MEASURED, PLANE_FITTED), planes, strict=True):

@@ -1,6 +1,6 @@
-"""The colours, chosen to survive colour-blindness: viridis for weights, blue and orange for measured and expected.
+"""The colours, chosen to survive colour-blindness: viridis for weights; blue, vermilion and black for beams.
 
-Nothing is told by hue alone: weights differ in lightness too, rays in their form.
+Nothing is told by hue alone: weights and beams differ in lightness too, what a beam should have done is a dot.
 """
 
 from __future__ import annotations
@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 Colour = tuple[int, int, int]
 
-MEASURED: Colour = (0, 114, 178)
-EXPECTED: Colour = (230, 120, 0)
+HIT: Colour = (0, 114, 178)
+SHORT: Colour = (213, 94, 0)
+LONG: Colour = (30, 30, 30)
+EXPECTED: Colour = (245, 205, 0)  # lies on walls, which are dark
+CURVE: Colour = (230, 120, 0)
 NO_RETURN: Colour = (150, 150, 150)
 ESTIMATE: Colour = (204, 0, 110)
 TRUTH: Colour = (0, 140, 100)

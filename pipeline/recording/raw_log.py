@@ -74,7 +74,7 @@ def _drive(
     stream.send_columns(
         f"{moving}/{SCAN}", index, rr.Points3D.columns(positions=points).partition(returned.sum(axis=1))
     )
-    stream.log(f"{moving}/{SCAN}", rr.Points3D.from_fields(radii=_dot, colors=palette.MEASURED), static=True)
+    stream.log(f"{moving}/{SCAN}", rr.Points3D.from_fields(radii=_dot, colors=palette.HIT), static=True)
 
 
 def _layout(log: Log) -> rrb.Blueprint:

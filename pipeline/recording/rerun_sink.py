@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -15,13 +16,14 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
+from pipeline.filter.beam_model import is_hit
 from pipeline.filter.step import Step
 from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
-from pipeline.recording.columns import Columns, Frame, batch_columns, segments, timelines, transforms
+from pipeline.recording.columns import Columns, Frame, IsHit, batch_columns, segments, timelines, transforms
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.sampling import draw, weight_bars
 from pipeline.recording.styles import drawn_map, styles
@@ -67,6 +69,8 @@ class RerunSink:
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
         self._longest_interval = longest_interval(log.times)
+        longest = log.laser.longest(config.laser_max_range)
+        self._is_hit: IsHit = partial(is_hit, config=config, max_range=longest)
         self._closed = False
         self._viewed = viewer is not None
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
@@ -160,7 +164,7 @@ class RerunSink:
     def _flush(self) -> None:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.
         if self._frames:
-            self._outbox += batch_columns(self._frames)
+            self._outbox += batch_columns(self._frames, self._is_hit)
             self._frames = []
         while self._outbox:
             self._stream.send_columns(*self._outbox[0])
@@ -245,7 +249,7 @@ class RerunSink:
         self._document(entities.RUN, documents.run(log, config, self._seed, found))
         if density is not None:
             z, p, true_range = (np.asarray(part, dtype=np.float32) for part in density)
-            chart = rr.BarChart(p, abscissa=z, widths=np.gradient(z).astype(np.float32), color=palette.MEASURED)
+            chart = rr.BarChart(p, abscissa=z, widths=np.gradient(z).astype(np.float32), color=palette.HIT)
             self._static(entities.DENSITY, chart)
             self._document(entities.DENSITY_NOTE, documents.density(float(true_range), config))
 

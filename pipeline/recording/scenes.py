@@ -65,7 +65,8 @@ class Scenes:
 
     ``shades`` (height, width) uint8 of ``grid``, row 0 at the lowest y; ``scans`` (n,) and ``times`` (n,) s;
     ``particles`` rows (m, 3), ``levels`` rows (m,) uint8, index into palette.WEIGHT_COLOURS;
-    ``estimates`` (n, 3); ``lasers`` (n, 3); ``measured``, ``no_return``, ``expected``: rows (k, 2), where beams end;
+    ``estimates`` (n, 3); ``lasers`` (n, 3); rows (k, 2) of where beams end, ``hits``, ``shorts``, ``longs`` and
+    ``no_return``, and where the map ends them, ``expected``;
     ``ellipses`` and ``hypotheses``: rows (k, 5), x, y, half axes (2 sigma) and turn;
     ``labels``: the texts at a scan's hypotheses; ``joined`` (n,): the path goes on from the scan before;
     ``truth`` (n, 3), NaN where unknown; ``hindsight``: rows (k, 2), a piece of the path each;
@@ -81,7 +82,9 @@ class Scenes:
     levels: Ragged
     estimates: NDArray[np.float64]
     lasers: NDArray[np.float64]
-    measured: Ragged
+    hits: Ragged
+    shorts: Ragged
+    longs: Ragged
     no_return: Ragged
     expected: Ragged
     ellipses: Ragged
@@ -145,7 +148,7 @@ def read_scenes(file: RrdFile) -> Scenes:
 
     def tips(entity: str, component: str, *shape: int) -> Ragged:
         found = ragged(entity, component, *shape)
-        ends = found.values.reshape(len(found.values), -1)[:, -3:-1]
+        ends = (found.values[:, -1] if len(shape) == 2 else found.values)[:, :2]  # of a strip, its last point
         x, y, yaw = np.repeat(lasers, found.lengths, axis=0).T
         cos, sin = np.cos(yaw), np.sin(yaw)
         turned = np.column_stack([x + cos * ends[:, 0] - sin * ends[:, 1], y + sin * ends[:, 0] + cos * ends[:, 1]])
@@ -166,7 +169,9 @@ def read_scenes(file: RrdFile) -> Scenes:
         levels=Ragged(_levels(colours.values), colours.offsets),
         estimates=_ragged(record[f"{entities.RECORD_TYPE}:pose"]).values.reshape(-1, 3).astype(np.float64),
         lasers=lasers,
-        measured=tips(entities.MEASURED, "LineStrips3D:strips", 2, 3),
+        hits=tips(entities.HITS, "LineStrips3D:strips", 2, 3),
+        shorts=tips(entities.SHORTS, "LineStrips3D:strips", 2, 3),
+        longs=tips(entities.LONGS, "LineStrips3D:strips", 2, 3),
         no_return=tips(entities.NO_RETURN, "LineStrips3D:strips", 2, 3),
         expected=tips(entities.EXPECTED, "Points3D:positions", 3),
         ellipses=ellipses(entities.COVARIANCE),

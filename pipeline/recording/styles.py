@@ -20,7 +20,9 @@ def styles() -> dict[str, list[Any]]:
     return {
         entities.PARTICLES: [rr.Points3D.from_fields(radii=_dot), rr.Arrows3D.from_fields(radii=_thin)],
         entities.HINDSIGHT: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.HINDSIGHT)],
-        entities.MEASURED: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.MEASURED)],
+        entities.HITS: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.HIT)],
+        entities.SHORTS: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.SHORT)],
+        entities.LONGS: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.LONG)],
         entities.NO_RETURN: [rr.LineStrips3D.from_fields(radii=_thin, colors=palette.NO_RETURN)],
         entities.EXPECTED: [rr.Points3D.from_fields(radii=_dot, colors=palette.EXPECTED)],
         entities.COVARIANCE: [rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.ESTIMATE)],
@@ -34,10 +36,10 @@ def styles() -> dict[str, list[Any]]:
         **robot(entities.TRUTH_BODY, entities.TRUTH_HEADING, palette.TRUTH),
         entities.WEIGHTS: [_bars(palette.NEUTRAL, -1.0)],
         entities.WEIGHT_SHARE: [_bars(palette.ESTIMATE, 1.0)],
-        entities.ESS: [_curve("effective sample size", palette.EXPECTED)],
+        entities.ESS: [_curve("effective sample size", palette.CURVE)],
         entities.PARTICLE_COUNT: [_curve("particles", palette.NEUTRAL)],
-        entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.MEASURED)],
-        entities.EXPLAINED: [_curve("share of beams explained", palette.EXPECTED)],
+        entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.HIT)],
+        entities.EXPLAINED: [_curve("share of beams explained", palette.CURVE)],
         entities.SPREAD: [_curve("spread, m", palette.ESTIMATE)],
     }
 

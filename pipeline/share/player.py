@@ -25,7 +25,9 @@ PER_SCAN = 700
 _COLOURS = {
     "estimate": palette.ESTIMATE,
     "truth": palette.TRUTH,
-    "measured": palette.MEASURED,
+    "hits": palette.HIT,
+    "shorts": palette.SHORT,
+    "longs": palette.LONG,
     "no_return": palette.NO_RETURN,
     "expected": palette.EXPECTED,
     "hypotheses": palette.HYPOTHESIS,
@@ -47,7 +49,7 @@ def page(run: Run) -> str:
 def packed(run: Run) -> tuple[dict[str, Any], bytes]:
     """What the player needs: names, texts and where the arrays lie; and these, one after the other, gzipped."""
     scenes, told = run.scenes, run.told
-    rays = {name: getattr(scenes, name) for name in ("measured", "no_return", "expected")}
+    rays = {name: getattr(scenes, name) for name in ("hits", "shorts", "longs", "no_return", "expected")}
     kept = _thinned(scenes.particles)
     particles, levels = Ragged(scenes.particles.values[kept.values], kept.offsets), scenes.levels.values[kept.values]
     places = {**rays, "particles": particles, "heat": scenes.heat}
@@ -79,9 +81,9 @@ def packed(run: Run) -> tuple[dict[str, Any], bytes]:
     curves = [
         {"name": name, "words": words, "colour": colour, "limit": limit}
         for name, words, colour, limit in (
-            ("explained", "share of the beams explained", palette.EXPECTED, 1.0),
+            ("explained", "share of the beams explained", palette.CURVE, 1.0),
             ("spread", "spread of the particles, m", palette.ESTIMATE, None),
-            ("ess", "effective sample size", palette.MEASURED, None),
+            ("ess", "effective sample size", palette.HIT, None),
         )
     ]
     arrays |= {str(c["name"]): _single(scenes.curves[str(c["name"])]) for c in curves}
@@ -144,7 +146,9 @@ def _layers(run: Run) -> list[tuple[str, str, Any]]:
         ("particles", "particles; the darker, the heavier", None, True),
         ("estimate", "estimate, its path, 2 sigma", palette.ESTIMATE, True),
         ("hypotheses", "other hypotheses, share of weight", palette.HYPOTHESIS, len(scenes.hypotheses.values)),
-        ("measured", "beams as measured", palette.MEASURED, True),
+        ("hits", "beams that fit the map", palette.HIT, True),
+        ("shorts", "that something stopped short", palette.SHORT, True),
+        ("longs", "that went on behind a wall", palette.LONG, True),
         ("expected", "where the map ends them", palette.EXPECTED, True),
         ("heat", "best places of a search of the building", None, len(scenes.heat.values)),
         ("hindsight", "known in hindsight", palette.HINDSIGHT, len(scenes.hindsight)),

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config import Config, load_config
-from pipeline.filter.beam_model import BeamModel, mixture_density, no_return_mass, step_density
+from pipeline.filter.beam_model import BeamModel, is_hit, mixture_density, no_return_mass, step_density
 from pipeline.kernels.resampling import low_variance
 from pipeline.maps.range_table import HIT_CODES, LOG_OFFSET, RangeCodes
 
@@ -310,3 +310,15 @@ def test_the_course_preset_ranks_particles_as_the_report_does() -> None:
     for w, out in zip(weights, ancestors, strict=True):
         low_variance(0, w, 0.37, np.empty(2), out)
     np.testing.assert_array_equal(*ancestors)
+
+
+def test_what_counts_as_a_hit() -> None:
+    """Near the map's range: as far as the Gaussian outweighs all else. Never where the map ends no ray."""
+    config = Config()
+    z = np.linspace(0.0, 12.0, 2401)
+    hits = z[is_hit(z, 6.0, config, 80.0)]
+    for far in (6.0 - hits.min(), hits.max() - 6.0):
+        assert config.sigma_hit < far < 5 * config.sigma_hit
+    assert (np.diff(hits) < 0.006).all(), "in one piece"
+    assert not is_hit(z, np.inf, config, 80.0).any()
+    assert not is_hit(z, 6.0, Config(z_hit=0.0), 80.0).any()

@@ -14,6 +14,7 @@ from synthetic import DENSITY, building, drive, steps
 
 from pipeline.config import Config
 from pipeline.errors import MclError
+from pipeline.filter.step import Step
 from pipeline.recording import entities, palette
 from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.rerun_sink import RerunSink
@@ -75,20 +76,32 @@ def test_numbers_of_particles_may_change(record, at_most, drawn):
     assert run.column(entities.PARTICLE_COUNT, "Scalars:scalars") == [[5.0], [9.0], [1.0]]
 
 
-def test_rays_are_as_measured_and_no_returns_apart(record):
-    run = record(scans=20)
-    measured = run.column(entities.MEASURED, "LineStrips3D:strips")
+def test_rays_are_as_measured_and_told_apart_as_the_model_explains_them(record):
+    """Something in the way of every fifth beam; every seventh finds an open door; the others hit."""
+    log = drive(20)
+    seen = [_with_people_and_doors(step) for step in steps(log, 50)]
+    run = record(log=log, seen=seen)
+    drawn = [run.column(e, "LineStrips3D:strips") for e in (entities.HITS, entities.SHORTS, entities.LONGS)]
     lost = run.column(entities.NO_RETURN, "LineStrips3D:strips")
     expected = run.column(entities.EXPECTED, "Points3D:positions")
-    for step, rays, stubs, points in zip(run.steps, measured, lost, expected, strict=True):
+    for step, *kinds, stubs, points in zip(run.steps, *drawn, lost, expected, strict=True):
         beams = step.beams
-        returned = np.isfinite(beams.measured)
-        lengths = np.linalg.norm(np.array(rays)[:, 1], axis=-1)
-        assert np.allclose(lengths, beams.measured[returned], atol=DISPLAY_STEP)
+        beam, returned = np.arange(len(beams.angles)), np.isfinite(beams.measured)
+        short, long = returned & (beam % 5 == 0), returned & (beam % 5 != 0) & (beam % 7 == 0)
+        for rays, chosen in zip(kinds, (returned & ~short & ~long, short, long), strict=True):
+            tips = np.array(rays)[:, 1]
+            assert np.allclose(np.linalg.norm(tips, axis=-1), beams.measured[chosen], atol=DISPLAY_STEP)
+            assert np.allclose(np.arctan2(tips[:, 1], tips[:, 0]), beams.angles[chosen], atol=0.02)
         assert len(stubs) == np.isposinf(beams.measured).sum() == 1
         assert np.allclose(np.linalg.norm(points, axis=-1), beams.expected, atol=DISPLAY_STEP)
-        angle = np.arctan2(rays[0][1][1], rays[0][1][0])
-        assert angle == pytest.approx(beams.angles[0], abs=0.02)
+
+
+def _with_people_and_doors(step: Step) -> Step:
+    beam, expected = np.arange(len(step.beams.angles)), step.beams.expected
+    measured = np.where(np.isfinite(step.beams.measured), expected, step.beams.measured)
+    measured = np.where(beam % 7 == 0, measured + np.float32(2.0), measured)
+    measured = np.where(beam % 5 == 0, np.where(np.isfinite(measured), 0.4 * expected, measured), measured)
+    return dataclasses.replace(step, beams=dataclasses.replace(step.beams, measured=measured.astype(np.float32)))
 
 
 def test_curves_and_events(record):

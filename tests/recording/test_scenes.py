@@ -30,11 +30,11 @@ def test_scenes_hold_what_was_drawn(record):
         assert np.sort(scenes.levels[row]).tolist() == np.sort(levels).tolist()
         beams = step.beams
         returned = np.isfinite(beams.measured)
-        reach = np.hypot(*(scenes.measured[row] - scenes.lasers[row, :2]).T)
-        assert np.allclose(reach, beams.measured[returned], atol=2 * DISPLAY_STEP)
-        angle = beams.laser[2] + beams.angles[returned][3]
-        ends = beams.laser[:2] + beams.measured[returned][3] * np.array([np.cos(angle), np.sin(angle)])
-        assert np.allclose(scenes.measured[row][3], ends, atol=2 * DISPLAY_STEP)
+        angle, reach = beams.laser[2] + beams.angles[returned], beams.measured[returned]
+        ends = beams.laser[:2] + reach[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        drawn = np.concatenate([scenes.hits[row], scenes.shorts[row], scenes.longs[row]])
+        assert len(drawn) == len(ends)
+        assert np.hypot(*(ends[:, None] - drawn[None]).T).min(axis=0).max() < 3 * DISPLAY_STEP
         assert len(scenes.expected[row]) == np.isfinite(beams.expected).sum()
         assert len(scenes.no_return[row]) == 1
         assert scenes.curves["ess"][row] == step.ess
@@ -60,7 +60,7 @@ def test_a_file_cut_anywhere_has_scenes_up_to_the_cut(record, tmp_path):
         path = tmp_path / f"{share}.rrd"
         path.write_bytes(whole[: int(len(whole) * share)])
         scenes = read_scenes(read_rrd(path))
-        assert len(scenes.particles) == len(scenes.measured) == len(scenes.labels) == len(scenes)
+        assert len(scenes.particles) == len(scenes.hits) == len(scenes.labels) == len(scenes)
         seen.append(len(scenes))
     assert seen == sorted(seen)
 

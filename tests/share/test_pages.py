@@ -65,7 +65,7 @@ def test_a_page_holds_the_run(run):
     scenes = run.scenes
     assert found["times"].tolist() == scenes.times.tolist()
     assert np.allclose(found["estimates"].reshape(-1, 3), scenes.estimates, atol=1e-5)
-    for name in ("measured", "expected", "particles"):
+    for name in ("hits", "shorts", "longs", "expected", "particles"):
         places = found[name].reshape(-1, 2) * head["step"] + head["low"]
         assert np.allclose(places, getattr(scenes, name).values[:, :2], atol=head["step"]), name
         assert (np.diff(found[f"{name}_at"]) == getattr(scenes, name).lengths).all()
