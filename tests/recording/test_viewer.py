@@ -18,6 +18,8 @@ from synthetic import DENSITY, drive, steps
 from pipeline.config import Config
 from pipeline.recording import rerun_sink
 from pipeline.recording.raw_log import write_raw_log
+from pipeline.recording.run_folder import create
+from pipeline.replay import replay
 
 DRIVERS = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
 needs_vulkan = pytest.mark.skipif(
@@ -114,13 +116,19 @@ def changed(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @needs_vulkan
-def test_an_mcap_shows_the_map_and_the_robot_moving(office, showing):
-    with showing(office.path) as viewer:
+@pytest.mark.parametrize("found", [False, True], ids=["log", "result"])
+def test_an_mcap_shows_the_map_and_the_robot_moving(office, tmp_path, showing, found):
+    path = office.path
+    if found:
+        path = tmp_path / "result.mcap"
+        quick = Config(max_particles=300, min_particles=300, init="free_space", recovery="none", record_particles=40)
+        replay(office, quick, create("office", tmp_path / "run"), mcap=path, record=False)
+    with showing(path) as viewer:
         (view,) = viewer.get_state().views
         early, late = pictures(viewer, view, (1.0, 60.0), "message_log_time", "timestamp")
         white = (early.min(axis=-1) > 230).mean()
         assert white > 0.02  # the map's floor
-        assert 0 < changed(early, late) < 0.01  # the robot
+        assert 0 < changed(early, late) < 0.05  # the robot
 
 
 @needs_vulkan
