@@ -1,13 +1,14 @@
-"""Makes the pictures of the documentation: the embedded building in rerun's viewer, headless. `make pictures` runs it.
+"""Makes the pictures of the documentation: the embedded building in rerun's viewer, headless, and in a browser.
 
-It needs a Vulkan driver; one in software will do (Debian: libvulkan1 mesa-vulkan-drivers).
+`make pictures` runs it. It needs a Vulkan driver; one in software will do (Debian: libvulkan1 mesa-vulkan-drivers).
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import socket
-import sys
+import subprocess
 import tempfile
 import time
 from pathlib import Path
@@ -23,11 +24,13 @@ from pipeline.logs.reader import read_log
 from pipeline.recording.run_folder import create
 from pipeline.recording.viewer import program, quiet
 from pipeline.replay import replay
+from pipeline.share.pages import share
 from pipeline.simulate import sample_dir
 
 PICTURES = Path(__file__).with_name("pictures")
 CARRIED_OFF = (40.0, 60.0)
 SIZE = (1440, 782)
+BROWSER_FRAME = 90  # rows that a window has beside its page, some of them
 TITLE_BAR = 38  # rows of the viewer's own window that say nothing about a run
 PATIENCE = 60.0
 HUES = 192  # of the 256 colours of a picture; the others are greys
@@ -42,9 +45,9 @@ def main() -> None:
             path = Path(folder) / f"{name}.mcap"
             truth, grid = sample / "office_truth.tum", sample / "office.dat.gz"
             convert([sample / "office.log.gz"], path, map_path=grid, ground_truth=truth, drop=drop)
-            run = create(name, Path(folder) / name)
-            replay(read_log(path), load_config(), run)
-            runs[name] = inspect(run.path)
+            made = create(name, Path(folder) / name)
+            replay(read_log(path), load_config(), made)
+            runs[name] = inspect(made.path)
         whole, kidnapped = runs["office"], runs["carried_off"]
         found = next((e.time for e in kidnapped.events if e.kind == "found" and e.time > CARRIED_OFF[1]), None)
         moments = [
@@ -56,6 +59,7 @@ def main() -> None:
         ]
         for name, run, at in moments:
             take(run.path, at, PICTURES / f"{name}.png")
+            browse(run.path, at, PICTURES / f"page_{name}.png")
             print(f"{name}: {run.pose_at(at).time:.1f} s")
 
 
@@ -87,6 +91,24 @@ def take(recording: Path, at: float, picture: Path) -> None:
         raw.unlink()
 
 
+def browse(recording: Path, at: float, picture: Path) -> None:
+    """What a browser shows of the page that `mcl share` makes, so many seconds after the first scan."""
+    browser = next((found for name in ("chromium", "google-chrome") if (found := shutil.which(name))), None)
+    if browser is None:
+        print(f"{picture.name} is left as it was: there is no Chromium (Debian: chromium)")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        page, shot = Path(folder) / "run.html", Path(folder) / "shot.png"
+        share(recording, page)
+        size = f"--window-size={SIZE[0]},{SIZE[1] + BROWSER_FRAME}"
+        quietly = ("--headless", "--no-sandbox", "--no-first-run", f"--user-data-dir={folder}/profile")
+        wait = "--virtual-time-budget=8000"
+        command = [browser, *quietly, size, wait, f"--screenshot={shot}", f"{page.as_uri()}#t={at}"]
+        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE)
+        shown = Image.open(shot).convert("RGB").crop((0, 0, *SIZE))
+        shown.quantize(palette=colours(shown), dither=Image.Dither.NONE).save(picture, optimize=True)
+
+
 def colours(picture: Image.Image) -> Image.Image:
     """A palette of the picture that has its hues, however few of its pixels have any: what is thin is what matters."""
     pixels = np.asarray(picture).reshape(-1, 3)
@@ -99,4 +121,4 @@ def colours(picture: Image.Image) -> Image.Image:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
