@@ -10,7 +10,7 @@ from pipeline.filter.motion_model import odometry_motion
 from pipeline.geometry import compose
 from pipeline.tune.motion import ALPHAS, SMALLEST, fit_motion, windows
 from pipeline.tune.scans import updates
-from pipeline.tune.temper import RIVALS, independent_beams
+from pipeline.tune.temper import MOST, RIVALS, independent_beams
 
 KNOWN = {"alpha1": 0.03, "alpha2": 0.008, "alpha3": 0.04, "alpha4": 0.01}
 
@@ -71,13 +71,19 @@ def test_standing_still_is_no_update() -> None:
     assert updates(odometry, Config()).tolist() == [0, 2, 5]
 
 
-@pytest.mark.parametrize("copies", [1, 4, 15])
+@pytest.mark.parametrize("copies", [7, 15, 30])
 def test_beams_that_err_together_count_once(copies: int) -> None:
     """Of a right model the logarithm of the odds is normal with a variance of twice its mean; copies only multiply."""
     rng, mean = np.random.default_rng(0), 1.5
     odds = rng.normal(mean, np.sqrt(2 * mean), (6000, 1))
     scores = copies * np.hstack([np.zeros((6000, 1)), -odds])
     assert independent_beams([scores], 60) == pytest.approx(60 / copies, rel=0.12)
+
+
+def test_no_more_beams_are_believed_than_real_logs_have() -> None:
+    rng, mean = np.random.default_rng(0), 1.5
+    odds = rng.normal(mean, np.sqrt(2 * mean), (6000, 1))
+    assert independent_beams([np.hstack([np.zeros((6000, 1)), -odds])], 60) == pytest.approx(MOST, rel=1e-3)
 
 
 def test_the_first_rival_is_the_place_itself() -> None:
