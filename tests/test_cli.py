@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 
 from pipeline import __version__, console
 from pipeline.cli import app
-from pipeline.cli.lines import columns, facts, percent
+from pipeline.cli.lines import columns, facts, look_at, percent
 from pipeline.config import dump_config, load_config, preset_names
 from pipeline.errors import MclError
 
@@ -173,6 +174,11 @@ def test_a_heading_lines_up_with_its_column():
 
 def test_columns_without_rows_are_their_title():
     assert columns("events", []) == "events"
+
+
+def test_the_line_that_opens_a_recording_can_be_pasted():
+    line = look_at(Path("läuf 2/run.rrd")).removeprefix("look at it:  ")
+    assert shlex.split(line)[1:] == ["läuf 2/run.rrd"]
 
 
 def test_percent():

@@ -133,6 +133,7 @@ def test_different_maps_are_not_laid_over_each_other(runs, tmp_path):
 def test_compare_as_it_is_typed(typed, paths, tmp_path):
     done = typed("compare", paths[0], paths[1], "-o", tmp_path / "both.rrd")
     assert done.exit_code == 0
+    assert done.stderr.splitlines()[-1].endswith(f"rerun {tmp_path / 'both.rrd'}")
     assert done.stdout.splitlines()[-1] == str(tmp_path / "both.rrd")
     assert "sigma_hit" in done.stdout
     assert "/apart/distance" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pipeline import console
-from pipeline.cli.lines import columns
+from pipeline.cli.lines import columns, look_at
 from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption
 
 LISTED = 12
@@ -56,6 +56,7 @@ def compare(
         if not found.same_map:
             console.note("note: the runs are on different maps")
     if output is not None:
+        console.note(look_at(output))
         (console.note if as_json else console.result)(str(output))
 
 

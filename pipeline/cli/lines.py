@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 
 def facts(title: str, rows: Sequence[tuple[str, str]]) -> str:
@@ -26,3 +30,17 @@ def columns(title: str, rows: Sequence[Sequence[str]], heading: Sequence[str] = 
 def percent(share: float) -> str:
     """A share of one, in percent."""
     return f"{100 * share:.0f} %"
+
+
+def look_at(recording: Path) -> str:
+    """The line that opens a recording, to be pasted into a shell."""
+    return f"look at it:  {shlex.join([_viewer(), str(recording)])}"
+
+
+def _viewer() -> str:
+    """How to call rerun's viewer from here: it is installed beside this Python, which need not be on the PATH."""
+    beside = Path(sys.executable).with_name("rerun")
+    if shutil.which("rerun") or not beside.exists():
+        return "rerun"
+    here = Path.cwd()
+    return str(beside.relative_to(here) if beside.is_relative_to(here) else beside)

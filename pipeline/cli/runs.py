@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
-from pipeline.cli.lines import columns, facts, percent
+from pipeline.cli.lines import columns, facts, look_at, percent
 from pipeline.cli.parameters import (
     BaseFrameOption,
     ConfigOption,
@@ -322,7 +321,7 @@ def _report(run: Replay, map_path: Path | None = None) -> None:
             f"beams in the second half of the run, a right pose {percent(DOUBTFUL)} or more; is it another building's?"
         )
     if run.recorded:
-        console.note(f"look at it:  {_viewer()} {run.folder.recording}")
+        console.note(look_at(run.folder.recording))
 
 
 def _as_read(log: Log) -> list[tuple[str, str]]:
@@ -346,15 +345,6 @@ def _map_name(log: Log, map_path: Path | None) -> str:
 
     own = log.metadata.get(schema.MAP_SOURCE, {})
     return f"the map {map_path or own.get('file') or own.get('topic') or 'in the log'}"
-
-
-def _viewer() -> str:
-    """How to call rerun's viewer from here: it is installed beside this Python, which need not be on the PATH."""
-    beside = Path(sys.executable).with_name("rerun")
-    if shutil.which("rerun") or not beside.exists():
-        return "rerun"
-    here = Path.cwd()
-    return str(beside.relative_to(here) if beside.is_relative_to(here) else beside)
 
 
 def _against_truth(score: Score | None) -> list[tuple[str, str]]:
