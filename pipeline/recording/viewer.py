@@ -21,7 +21,7 @@ PATIENCE = 60.0
 SETTLED = 1.0
 """Seconds after which a viewer that cannot draw has given up."""
 DEFAULT_PORT = 9876
-NO_SCREEN = "is there a screen? `mcl share` and `mcl export` need none"
+NO_SCREEN = "`mcl share` and `mcl export` need none"
 
 
 def program() -> Path:
@@ -48,7 +48,7 @@ def show(path: Path) -> None:
         [program(), "--bind", "127.0.0.1", "--port", "auto", path], env=quiet(), stderr=subprocess.PIPE, check=False
     )
     if told.returncode:
-        raise MclError(f"the viewer did not open: {_reason(told.stderr)}", NO_SCREEN)
+        raise _not_opened(told.stderr)
 
 
 def open_empty() -> str:
@@ -63,12 +63,12 @@ def open_empty() -> str:
         while not _listens("127.0.0.1", port, 0.2):
             if viewer.poll() is not None or time.monotonic() > until:
                 said.seek(0)
-                raise MclError(f"the viewer did not open: {_reason(said.read())}", NO_SCREEN)
+                raise _not_opened(said.read())
             time.sleep(0.1)
         time.sleep(SETTLED)  # it listens before it knows whether there is a screen
         if viewer.poll() is not None:
             said.seek(0)
-            raise MclError(f"the viewer did not open: {_reason(said.read())}", NO_SCREEN)
+            raise _not_opened(said.read())
     return f"rerun+http://127.0.0.1:{port}/proxy"
 
 
@@ -124,11 +124,14 @@ def _listens(host: str, port: int, patience: float) -> bool:
         return False
 
 
-def _reason(said: bytes) -> str:
-    """The last line that names an error, without the colours of a terminal."""
+def _not_opened(said: bytes) -> MclError:
+    """Why, by the last line that names an error, without the colours of a terminal and the places in its sources."""
     lines = re.sub(r"\x1b\[[0-9;]*m", "", said.decode("utf-8", "replace")).splitlines()
     telling = [line.strip() for line in lines if "error" in line.lower()] or [line.strip() for line in lines] or [""]
-    return telling[-1][:200] or "it said nothing"
+    if re.search(r"DISPLAY|EventLoop", telling[-1]):
+        return MclError("the viewer did not open: there is no screen here", NO_SCREEN)
+    reason = re.sub(r" at /\S+:\d+", "", telling[-1]) or "it said nothing"
+    return MclError(f"the viewer did not open: {reason}", f"it wants a screen; {NO_SCREEN}")
 
 
 def _free_port() -> int:

@@ -80,9 +80,9 @@ def test_without_a_screen_the_viewer_says_why_it_does_not_open(tmp_path, monkeyp
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
     path = write(tmp_path / "a.rrd", None)
-    with pytest.raises(MclError, match="is there a screen"):
+    with pytest.raises(MclError, match="there is no screen here"):
         viewer.show(path)
-    with pytest.raises(MclError, match="is there a screen"):
+    with pytest.raises(MclError, match="there is no screen here"):
         viewer.open_empty()
 
 
