@@ -154,10 +154,7 @@ def read_scenes(file: RrdFile) -> Scenes:
         turned = np.column_stack([x + cos * ends[:, 0] - sin * ends[:, 1], y + sin * ends[:, 0] + cos * ends[:, 1]])
         return Ragged(turned, found.offsets)
 
-    places = ragged(entities.PARTICLES, "Points3D:positions", 3)
-    vectors = ragged(entities.PARTICLES, "Arrows3D:vectors", 3)
-    colours = ragged(entities.PARTICLES, "Points3D:colors")
-    headings = np.arctan2(vectors.values[:, 1], vectors.values[:, 0])
+    particles, levels = (found.at(rows(entities.PARTICLES)[1]) for found in _particles(tables))
     labels, at = rows(entities.HYPOTHESES)
     told = [] if labels is None else labels["Ellipsoids3D:labels"].to_pylist()
     return Scenes(
@@ -165,8 +162,8 @@ def read_scenes(file: RrdFile) -> Scenes:
         shades=shades,
         scans=scans,
         times=times,
-        particles=Ragged(np.column_stack([places.values[:, :2], headings]), places.offsets),
-        levels=Ragged(_levels(colours.values), colours.offsets),
+        particles=particles,
+        levels=levels,
         estimates=_ragged(record[f"{entities.RECORD_TYPE}:pose"]).values.reshape(-1, 3).astype(np.float64),
         lasers=lasers,
         hits=tips(entities.HITS, "LineStrips3D:strips", 2, 3),
@@ -220,8 +217,23 @@ def _rows(wanted: NDArray[np.int64], have: NDArray[np.int64]) -> NDArray[np.int6
     return np.where((at < len(have)) & (have[inside] == wanted), inside, -1) if len(have) else np.full(len(wanted), -1)
 
 
+def _particles(tables: _Tables) -> tuple[Ragged, Ragged]:
+    """Poses (k, 3) float32 and levels (k,) uint8 of all rows there are; batch by batch, for they are most of a file."""
+    table = tables.temporal(entities.PARTICLES)
+    poses, levels = [np.empty((0, 3), np.float32)], [np.empty(0, np.uint8)]
+    lengths = [np.empty(0, np.int64)]
+    for batch in table.to_batches() if table is not None else ():
+        places, vectors = _ragged(batch["Points3D:positions"], 3), _ragged(batch["Arrows3D:vectors"], 3).values
+        headings = np.arctan2(vectors[:, 1], vectors[:, 0])
+        poses.append(np.column_stack([places.values[:, :2], headings]))
+        levels.append(_levels(_ragged(batch["Points3D:colors"]).values))
+        lengths.append(places.lengths)
+    offsets = np.concatenate([[0], np.cumsum(np.concatenate(lengths))])
+    return Ragged(np.concatenate(poses), offsets), Ragged(np.concatenate(levels), offsets)
+
+
 def _ragged(column: Any, *shape: int) -> Ragged:
-    lists = column.combine_chunks()
+    lists = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
     lengths = pc.fill_null(pc.list_value_length(lists), 0).to_numpy(zero_copy_only=False).astype(np.int64)
     values = lists.flatten()
     while pa.types.is_list(values.type) or pa.types.is_fixed_size_list(values.type):
