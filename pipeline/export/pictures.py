@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.export.canvas import BLACK, GREY, PAPER, Box, Canvas, Colour, Raster, Window
+from pipeline.export.legend import COLUMN, LINE, Entry, entries, height, legend
 from pipeline.export.run import Moment, Run
 from pipeline.recording import palette
 from pipeline.recording.gaps import longest_interval
@@ -17,16 +18,10 @@ from pipeline.recording.scenes import Scenes
 
 CLOSE = 12.0
 """Metres that the close-up shows from side to side."""
-LEGEND: tuple[tuple[str, Colour], ...] = (
-    ("estimate, its path, 2 sigma", palette.ESTIMATE),
-    ("other hypotheses, share of weight", palette.HYPOTHESIS),
-    ("beams that fit the map", palette.HIT),
-    ("that something stopped short", palette.SHORT),
-    ("that went on behind a wall", palette.LONG),
-    ("where the map ends them", palette.EXPECTED),
-    ("known in hindsight", palette.HINDSIGHT),
-    ("truth", palette.TRUTH),
-)
+HEAD = 40
+"""Pixels of the line above a sheet."""
+GAP = 8
+"""Pixels between the pictures of a sheet."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +82,23 @@ class Painter:
         """The picture (height, width, 3) at a row of the run; ``sentence`` says what happened."""
         layout, canvas = self.layout, Canvas(self.layout.width, self.layout.height)
         canvas.image(self._ground, 0, 0)
-        x, y = self.run.scenes.estimates[row, :2]
-        close = Window(layout.close, (float(x), float(y)), layout.close.width / CLOSE)
-        for window, near in ((self.whole, False), (close, True)):
+        for window, near in ((self.whole, False), (self.close(row), True)):
             canvas.clip(window.box)
             if near:
                 canvas.image(_map(self.run.scenes, window), window.box.x, window.box.y)
             _scene(canvas, window, self.run.scenes, row, layout.unit, near)
-            _scale_bar(canvas, window, layout.unit)
+            if layout.panel.width:
+                _scale_bar(canvas, window, layout.unit)
         canvas.clip(None)
         if layout.panel.width:
             self._panel(canvas, row)
         self._caption(canvas, row, title, sentence)
         return canvas.pixels()
+
+    def close(self, row: int) -> Window:
+        """What is near the robot at a row of the run."""
+        x, y = self.run.scenes.estimates[row, :2]
+        return Window(self.layout.close, (float(x), float(y)), self.layout.close.width / CLOSE)
 
     @cached_property
     def _ground(self) -> Raster:
@@ -115,7 +114,7 @@ class Painter:
     @cached_property
     def _curves(self) -> tuple[Curve, ...]:
         scenes, unit, box = self.run.scenes, self.layout.unit, self.layout.panel
-        below = (len(self._entries) + 1) * 16 * unit + 8 * unit
+        below = (len(self._entries) * LINE + 8) * unit
         high = (box.height - below) / 2
         places = [
             Box(box.x + 14 * unit, box.y + below + k * high + 6 * unit, box.width - 28 * unit, high - 30 * unit)
@@ -130,15 +129,18 @@ class Painter:
         )
 
     @cached_property
-    def _entries(self) -> list[tuple[str, Colour]]:
-        return [entry for entry in LEGEND if _drawn(self.run.scenes, entry[1])]
+    def _entries(self) -> list[Entry]:
+        return entries(self.run.scenes)
 
     def _caption(self, canvas: Canvas, row: int, title: str, sentence: str) -> None:
         box, unit, run = self.layout.caption, self.layout.unit, self.run
         clock = f"{run.scenes.times[row]:.1f} s"
         if self.layout.panel.width:
             at = canvas.text(14 * unit, 14 * unit, clock, 20 * unit, bold=True)
-            canvas.text(max(110 * unit, 30 * unit + at), 15 * unit, sentence, 14 * unit)
+            left = max(110 * unit, 30 * unit + at)
+            lines = canvas.wrapped(sentence, 14 * unit, box.width - left - 14 * unit)[:2]
+            for k, line in enumerate(lines):
+                canvas.text(left, (15 + 9 * (len(lines) - 1) - 18 * k) * unit, line, 14 * unit)
             return
         at = canvas.text(10, box.height - 20, f"{title}, {clock}" if title else clock, 15, bold=True)
         for k, line in enumerate(canvas.wrapped(sentence, 11, box.width - at - 40)[:2]):
@@ -155,14 +157,8 @@ class Painter:
         unit, box = self.layout.unit, self.layout.panel
         left = box.x + 14 * unit
         canvas.text(left, self.layout.height - 24 * unit, self.run.name, 16 * unit, bold=True)
-        for k, (words, colour) in enumerate(self._entries):
-            y = box.y + (len(self._entries) - k) * 16 * unit + 4 * unit
-            canvas.fill(Box(left, y, 14 * unit, 5 * unit), colour)
-            canvas.text(left + 22 * unit, y - 2 * unit, words, 11.5 * unit)
-        y, step = box.y + 5 * unit, 14 * unit / len(palette.WEIGHT_COLOURS)
-        for k, shade in enumerate(palette.WEIGHT_COLOURS):
-            canvas.fill(Box(left + k * step, y, step + 0.5, 6 * unit), _colour(shade))
-        canvas.text(left + 22 * unit, y - 2 * unit, "particles; the darker, the heavier", 11.5 * unit)
+        tall = len(self._entries) * LINE * unit
+        legend(canvas, Box(left, box.y + 4 * unit, COLUMN * unit, tall), self._entries, unit)
 
 
 @dataclass(frozen=True)
@@ -214,23 +210,32 @@ def moment(run: Run, at: Moment, width: int, height: int) -> Raster:
 
 
 def sheet(run: Run, moments: Sequence[Moment], width: int) -> Raster:
-    """Moments side by side in two columns (one if there is one), below a line that names the run."""
-    columns, gap, head = min(2, len(moments)), 8, 40
-    wide = (width - gap * (columns - 1)) // columns
+    """Moments side by side in two columns (one if there is one), below a line that names the run; and the legend."""
+    columns = min(2, len(moments))
+    wide = (width - GAP * (columns - 1)) // columns
     low, high = run.area
     aspect = float((high[1] - low[1]) / (high[0] - low[0]))
     tall = int(np.clip(0.62 * wide * aspect, 0.3 * wide, 0.75 * wide)) + 50
-    painter = Painter(run, tile(wide, tall))
-    rows = -(-len(moments) // columns)
-    whole = np.full((head + rows * (tall + gap), width, 3), 255, np.uint8)
-    canvas = Canvas(width, head)
-    at = canvas.text(10, 13, run.name, 17, bold=True)
-    canvas.text(at + 24, 13, f"seed {run.seed}, {len(run.scenes):,} scans in {run.scenes.times[-1]:.1f} s", 13, GREY)
-    whole[:head] = canvas.pixels()
+    painter, words = Painter(run, tile(wide, tall)), entries(run.scenes)
+    rows, free = -(-len(moments) // columns), len(moments) % columns > 0
+    below = 0.0 if free else height(len(words), width - 20, 1.0) + 10
+    canvas = Canvas(width, HEAD + rows * (tall + GAP) + round(below))
+    top = canvas.height - HEAD
+    at = canvas.text(10, top + 13, run.name, 17, bold=True)
+    told = f"seed {run.seed}, {len(run.scenes):,} scans in {run.scenes.times[-1]:.1f} s"
+    canvas.text(at + 24, top + 13, told, 13, GREY)
+    for k, (named, window) in enumerate((("maps", painter.whole), ("close-ups", painter.close(0)))):
+        x = width - 310 + 190 * k
+        canvas.text(x - 8, top + 8, named, 11, align=1.0)
+        _bar(canvas, x, top + 8, window, 1.0)
     for k, one in enumerate(moments):
-        x, y = (k % columns) * (wide + gap), head + (k // columns) * (tall + gap)
-        whole[y : y + tall, x : x + wide] = painter.draw(one.row, title=one.title, sentence=one.sentence)
-    return whole
+        picture = painter.draw(one.row, title=one.title, sentence=one.sentence)
+        canvas.image(picture, (k % columns) * (wide + GAP), top - (k // columns) * (tall + GAP) - tall)
+    if free:
+        legend(canvas, Box(wide + GAP + 14, GAP, wide - 14, tall - 14), words, 1.4)
+    else:
+        legend(canvas, Box(10, 0, width - 20, below), words, 1.0)
+    return canvas.pixels()
 
 
 def thumbnail(run: Run, row: int, width: int, height: int) -> Raster:
@@ -299,13 +304,22 @@ def _shares(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: floa
 
 
 def _scale_bar(canvas: Canvas, window: Window, unit: float) -> None:
+    x, y, long = window.box.x + 14 * unit, window.box.y + 14 * unit, _round_length(window) * window.scale
+    canvas.fill(Box(x - 5 * unit, y - 5 * unit, long + 10 * unit, 26 * unit), PAPER, 0.75)
+    _bar(canvas, x, y, window, unit)
+
+
+def _bar(canvas: Canvas, x: float, y: float, window: Window, unit: float) -> None:
+    metres = _round_length(window)
+    canvas.fill(Box(x, y, metres * window.scale, 4 * unit), BLACK)
+    canvas.text(x + metres * window.scale / 2, y + 8 * unit, f"{metres:g} m", 11 * unit, align=0.5)
+
+
+def _round_length(window: Window) -> float:
+    """Metres, of 1, 2 or 5 times a power of ten, about a fifth of what a window shows."""
     wanted = 0.22 * window.size[0]
     decade = 10 ** np.floor(np.log10(wanted))
-    metres = float(max(k * decade for k in (1, 2, 5) if k * decade <= wanted))
-    long, x, y = metres * window.scale, window.box.x + 14 * unit, window.box.y + 14 * unit
-    canvas.fill(Box(x - 5 * unit, y - 5 * unit, long + 10 * unit, 26 * unit), PAPER, 0.75)
-    canvas.fill(Box(x, y, long, 4 * unit), BLACK)
-    canvas.text(x + long / 2, y + 8 * unit, f"{metres:g} m", 11 * unit, align=0.5)
+    return float(max(k * decade for k in (1, 2, 5) if k * decade <= wanted))
 
 
 def _map(scenes: Scenes, window: Window) -> Raster:
@@ -340,15 +354,6 @@ def _broken(poses: NDArray[np.float64], row: int) -> NDArray[np.float64]:
 
 def _breaks(jumps: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.flatnonzero(jumps) + 1
-
-
-def _drawn(scenes: Scenes, colour: Colour) -> bool:
-    """Whether a run has anything in this colour: what it lacks needs no explanation."""
-    if colour == palette.TRUTH:
-        return not bool(np.isnan(scenes.truth).all())
-    if colour == palette.HINDSIGHT:
-        return len(scenes.hindsight) > 0
-    return len(scenes.hypotheses.values) > 0 if colour == palette.HYPOTHESIS else True
 
 
 def _shade(level: int) -> Colour:

@@ -88,10 +88,14 @@ def key_moments(run: Run) -> Sequence[Moment]:
     start = next((event.text for event in run.told.events), "")
     found: list[Moment] = []
     for event in run.told.events:
+        if event.kind not in TITLES:
+            continue
         row = run.scenes.row_at(event.time)
-        if found and found[-1].row == row:  # what is lost spreads out in the same scan
+        if event.kind == "lost":  # who is found to be lost is set right in the same scan: the one before shows it
+            row = max(row - 1, 0)
+        if found and found[-1].row == row:
             found[-1] = Moment(row, found[-1].title, f"{found[-1].sentence} {event.text}")
-        elif event.kind in TITLES:
+        else:
             found.append(Moment(row, TITLES[event.kind], event.text))
     last = len(run.scenes) - 1
     end = Moment(last, "end", f"The estimate ends at ({x:.2f}, {y:.2f}) m, heading {np.degrees(yaw):.0f} deg.")

@@ -1,6 +1,7 @@
 """Pictures show what the recording holds, where it is, in its colours."""
 
 import builtins
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,11 @@ from PIL import Image
 
 from pipeline.errors import MclError
 from pipeline.export.files import Wishes, export
+from pipeline.export.legend import entries
 from pipeline.export.movies import movie
-from pipeline.export.pictures import Painter, full, thumbnail
+from pipeline.export.pictures import Painter, full, sheet, thumbnail
 from pipeline.export.run import key_moments
+from pipeline.inspect import RecordedEvent
 from pipeline.recording import palette
 
 
@@ -49,9 +52,33 @@ def test_only_the_path_until_then_is_drawn(run):
 
 def test_key_moments_are_start_events_and_end(run):
     moments = key_moments(run)
-    assert [(m.title, m.row) for m in moments] == [("start", 0), ("converged", 46), ("lost", 105), ("end", 149)]
+    assert [(m.title, m.row) for m in moments] == [("start", 0), ("converged", 46), ("lost", 104), ("end", 149)]
     assert moments[2].sentence == "The map explains 40 % of the beams"
     assert run.sentence(60) == "One hypothesis is left"
+
+
+def test_a_picture_belongs_to_its_sentence(run):
+    at = float(run.scenes.times[105])
+    found = RecordedEvent(105, at, "found", "INFO", "Found again")
+    again = replace(run, told=replace(run.told, events=(*run.told.events, found)))
+    lost, set_right = key_moments(again)[2:4]
+    assert (lost.title, lost.row, lost.sentence) == ("lost", 104, "The map explains 40 % of the beams")
+    assert (set_right.title, set_right.row, set_right.sentence) == ("found", 105, "Found again")
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_sheet_says_what_its_colours_mean(run, count):
+    picture = sheet(run, key_moments(run)[:count], 1600)
+    # Of three pictures the fourth place is free; below two there is no place but the last lines.
+    legend = picture[picture.shape[0] // 2 :, 805:] if count == 3 else picture[-40:]
+    for _, colours in entries(run.scenes):
+        assert any((legend == colour).all(axis=-1).sum() >= 5 for colour in colours)
+
+
+def test_a_run_s_legend_has_what_the_run_has(run):
+    assert {"truth", "no return (stubs)"} <= {words for words, _ in entries(run.scenes)}
+    blind = replace(run.scenes, truth=np.full_like(run.scenes.truth, np.nan))
+    assert "truth" not in {words for words, _ in entries(blind)}
 
 
 def test_a_sheet_and_a_moment_are_files(run, tmp_path):
