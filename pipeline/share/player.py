@@ -150,7 +150,8 @@ def _layers(run: Run) -> list[tuple[str, str, Any]]:
         ("shorts", "that something stopped short", palette.SHORT, True),
         ("longs", "that went on behind a wall", palette.LONG, True),
         ("expected", "where the map ends them", palette.EXPECTED, True),
-        ("heat", "best places of a search of the building", None, len(scenes.heat.values)),
+        ("no_return", "no return (stubs)", palette.NO_RETURN, len(scenes.no_return.values)),
+        ("heat", "best places of a search", None, len(scenes.heat.values)),
         ("hindsight", "known in hindsight", palette.HINDSIGHT, len(scenes.hindsight)),
         ("truth", "truth", palette.TRUTH, not np.isnan(scenes.truth).all()),
     ]

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 from pipeline.cli import app
 from pipeline.errors import MclError
 from pipeline.export.run import read_run
+from pipeline.inspect import RecordedEvent
 from pipeline.share import pages, player
 from pipeline.share.pages import Viewer
 
@@ -35,12 +37,12 @@ def typed():
     return lambda *args: CliRunner().invoke(app, [str(arg) for arg in args])
 
 
-def opened(path: Path, fragment: str, profile: Path) -> str:
+def opened(path: Path, fragment: str, profile: Path, *words: str) -> str:
     """The page as the browser has it after a while, without a network of any kind."""
     command = [
         BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run",
         "--proxy-server=127.0.0.1:9", f"--user-data-dir={profile}", "--virtual-time-budget=5000", "--dump-dom",
-        f"{path.as_uri()}{fragment}",
+        *words, f"{path.as_uri()}{fragment}",
     ]  # fmt: skip
     return subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
 
@@ -175,3 +177,18 @@ def test_it_opens_from_a_file_without_a_network(recorded, tmp_path):
     assert 'data-ready="150"' in shown
     assert re.search(r'id="clock"[^>]*>20\.0 s<', shown)
     assert re.search(r'id="said"[^>]*>One hypothesis is left<', shown)
+    assert re.search(r'<button class="[^"]*now[^"]*">One hypothesis is left<', shown)
+
+
+@needs_browser
+def test_the_latest_event_is_seen_and_the_colours_are_explained_without_scrolling(run, tmp_path):
+    many = tuple(RecordedEvent(k, 0.2 * k, "searched", "INFO", f"Searched, number {k}") for k in range(0, 150, 5))
+    page = player.page(replace(run, told=replace(run.told, events=many)))
+    look = """<script>setTimeout(() => {
+      const inside = (a, b) => a.top >= b.top - 1 && a.bottom <= b.bottom + 1;
+      const box = query => document.querySelector(query).getBoundingClientRect();
+      document.body.dataset.seen = [inside(box("ol .now"), box("ol")), inside(box("#layers"), box("aside")), scrollY];
+    }, 2000)</script></body>"""
+    (tmp_path / "run.html").write_text(page.replace("</body>", look))
+    shown = opened(tmp_path / "run.html", "#t=25", tmp_path / "profile", "--window-size=1400,900")
+    assert 'data-seen="true,true,0"' in shown
