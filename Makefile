@@ -39,7 +39,7 @@ format: $(INSTALLED)  ## Mend style where a tool can
 	$(BIN)/ruff format
 
 bench: $(INSTALLED)  ## Measure speed; the table, JSON and a picture go to benchmark/
-	$(BIN)/mcl bench --output benchmark
+	$(BIN)/mcl bench --output benchmark --force
 
 pictures: $(INSTALLED)  ## Take the documentation's pictures again, in the headless viewer (needs a Vulkan driver)
 	$(BIN)/python docs/pictures.py

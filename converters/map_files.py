@@ -22,6 +22,7 @@ from pipeline.logs.reader import own_map
 from pipeline.logs.recorded import describe
 from pipeline.maps.map_server import load_map, save_map
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.outputs import told
 
 HEAD = 4096  # bytes (unpacked) by which a file is known
 
@@ -50,10 +51,11 @@ def convert_map(source: Path, output: Path, mode: str = "trinary") -> tuple[Occu
     """
     grid = _find_map(Path(source))
     output = Path(output)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{output.stem}.", dir=output.parent) as folder:
-        written = save_map(grid, Path(folder) / output.name, mode)
-        return grid, [file.replace(output.parent / file.name) for file in written]
+    with told(output):
+        output.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{output.stem}.", dir=output.parent) as folder:
+            written = save_map(grid, Path(folder) / output.name, mode)
+            return grid, [file.replace(output.parent / file.name) for file in written]
 
 
 def _find_map(source: Path) -> OccupancyGrid:

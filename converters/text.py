@@ -8,7 +8,7 @@ import zlib
 from pathlib import Path
 
 from pipeline.errors import MclError
-from pipeline.logs.writer import replacing
+from pipeline.outputs import replacing
 
 GZIP_MAGIC = b"\x1f\x8b"
 

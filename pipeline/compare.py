@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import MclError
 from pipeline.evaluate.metrics import pose_errors
-from pipeline.export.files import refuse_existing, replacing
 from pipeline.export.run import Run
+from pipeline.outputs import check_output, replacing
 
 if TYPE_CHECKING:
     from pipeline.recording.side_by_side import Apart, Shown
@@ -201,9 +200,7 @@ def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:
     """
     from pipeline.recording.side_by_side import write_run, write_side_by_side
 
-    refuse_existing(output, force)
-    if not output.parent.is_dir():
-        raise MclError("the folder to write to does not exist", path=output.parent)
+    check_output(output, force)
     with replacing(output) as partial:
         if len(runs) == 1:
             write_run(partial, _to_show(runs)[0])

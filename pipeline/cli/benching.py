@@ -10,10 +10,13 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns
-from pipeline.cli.parameters import JsonOption, open_log
+from pipeline.cli.parameters import ForceOption, JsonOption, open_log
+from pipeline.outputs import check_folder, told
 
 if TYPE_CHECKING:
     from pipeline.bench import Benchmark
+
+WRITTEN = ("bench.txt", "bench.json", "bench.png")
 
 
 def bench(
@@ -21,13 +24,16 @@ def bench(
     repeats: Annotated[int, typer.Option(min=1, help="Measurements of each row; the median counts.")] = 5,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="DIR", help="Also write bench.txt, bench.json and bench.png there."),
+        typer.Option("--output", "-o", metavar="DIR", help=f"Also write {', '.join(WRITTEN)} there."),
     ] = None,
     as_json: JsonOption = False,
+    force: ForceOption = False,
 ) -> None:
     """Measure how fast the commands and the kernels are on this machine."""
     import tempfile
 
+    if output is not None:
+        check_folder(output, WRITTEN, force)
     from pipeline.bench import bench as measure
 
     with tempfile.TemporaryDirectory() as folder:
@@ -36,10 +42,12 @@ def bench(
     if output is not None:
         from pipeline.bench.picture import plot
 
-        output.mkdir(parents=True, exist_ok=True)
-        (output / "bench.txt").write_text(text + "\n", encoding="utf-8")
-        (output / "bench.json").write_text(json.dumps(done.to_dict(), indent=2) + "\n", encoding="utf-8")
-        plot(done, output / "bench.png")
+        table, figures, picture = (output / name for name in WRITTEN)
+        with told(output):
+            output.mkdir(parents=True, exist_ok=True)
+            table.write_text(text + "\n", encoding="utf-8")
+            figures.write_text(json.dumps(done.to_dict(), indent=2) + "\n", encoding="utf-8")
+            plot(done, picture)
     if as_json:
         console.emit_json(done.to_dict())
         return

@@ -13,6 +13,7 @@ from pipeline.cli.lines import columns, percent
 from pipeline.cli.parameters import (
     BaseFrameOption,
     ConfigOption,
+    ForceOption,
     JsonOption,
     LaserFrameOption,
     LogArguments,
@@ -27,6 +28,7 @@ from pipeline.cli.parameters import (
     open_log,
 )
 from pipeline.errors import MclError
+from pipeline.outputs import check_output, replacing
 
 if TYPE_CHECKING:
     from pipeline.evaluate import Comparison, Evaluation
@@ -79,10 +81,11 @@ def evaluate(
         typer.Option(min=0.0, max=1.0, help="Exit with 3 unless, on every log, this share of the runs succeeds."),
     ] = None,
     as_json: JsonOption = False,
+    force: ForceOption = False,
 ) -> None:
     """Localize with many seeds and score every run against the truth."""
     if plot is not None:
-        _check_plot(plot)
+        _check_plot(plot, force)
     from pipeline import evaluate as evaluation
     from pipeline.logs.tum import read_tum
 
@@ -143,22 +146,15 @@ def _require(share: float, comparison: Comparison) -> None:
         raise typer.Exit(LIMIT_FAILED)
 
 
-def _check_plot(path: Path) -> None:
+def _check_plot(path: Path, force: bool) -> None:
     """What would be known only after an hour of runs."""
     if path.suffix.lower() not in PICTURES:
         raise MclError(f"a plot is one of {', '.join(PICTURES)}, told apart by its suffix", path=path)
-    if path.is_dir():
-        raise MclError("this is a folder, not a file to write", path=path)
-    if not path.parent.is_dir():
-        raise MclError("the plot's folder does not exist", path=path.parent)
+    check_output(path, force)
 
 
 def _write_plot(done: Evaluation | Comparison, path: Path) -> None:
     from pipeline.evaluate import plot
 
-    partial = path.with_name(f".{path.stem}.part{path.suffix}")  # the suffix decides the kind of picture
-    try:
+    with replacing(path) as partial:
         plot(done, partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

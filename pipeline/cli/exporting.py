@@ -9,7 +9,7 @@ import typer
 
 from pipeline import console
 from pipeline.cli.parameters import ForceOption
-from pipeline.errors import MclError
+from pipeline.outputs import check_folder
 
 
 def export(
@@ -79,11 +79,7 @@ def _raw(log: Path, folder: Path, force: bool) -> None:
 
     with McapFile(log) as file:
         has_map = file.metadata().get(schema.MAP_SOURCE, {}).get("format") == "beesoft"
-    names = [folder / f"{log.stem}.log", folder / f"{log.stem}.dat"]
-    for path in names:
-        if path.is_dir():
-            raise MclError("this is a folder, not a file to write", path=path)
-        if path.exists() and not force:
-            raise MclError("this file exists already", "--force replaces it", path=path)
-    for path in export_raw(log, names[0], names[1] if has_map else None):
+    names = (f"{log.stem}.log", f"{log.stem}.dat")
+    check_folder(folder, names, force)
+    for path in export_raw(log, folder / names[0], folder / names[1] if has_map else None):
         console.result(str(path))

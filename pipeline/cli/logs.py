@@ -21,6 +21,7 @@ from pipeline.cli.parameters import (
     named,
 )
 from pipeline.errors import MclError
+from pipeline.outputs import check_folder, refuse_existing
 
 YAML = (".yaml", ".yml")
 
@@ -86,7 +87,7 @@ def convert(
         _convert_map(logs[0], output, mode, force)
         return
     intervals = [_interval(text) for text in drop or ()]
-    _refuse_existing([output], force)
+    refuse_existing(output, force)
     for source in (*logs, map_path, ground_truth):
         if source is not None and source.exists() and output.exists() and source.samefile(output):
             raise MclError("the output is one of the inputs", "give it another name", path=output)
@@ -136,7 +137,7 @@ def simulate(
     from pipeline.simulate import simulate as simulate_drive
 
     description = load_building(building)
-    _refuse_existing([output / f"{description.name}{end}" for end in (".log.gz", ".dat.gz", "_truth.tum")], force)
+    check_folder(output, [f"{description.name}{end}" for end in (".log.gz", ".dat.gz", "_truth.tum")], force)
     report = simulate_drive(description, output, seed)
     rows = [
         ("seed", str(report.seed)),
@@ -154,8 +155,8 @@ def _convert_map(source: Path, output: Path, mode: MapMode, force: bool) -> None
     from converters import convert_map
 
     image = output.with_suffix(".png" if mode is MapMode.scale else ".pgm")
-    _refuse_existing([output, image], force)
     for path in (output, image):
+        refuse_existing(path, force)
         if source.exists() and path.exists() and source.samefile(path):
             raise MclError("the output is the input", "give it another name", path=path)
     grid, written = convert_map(source, output, mode.value)
@@ -175,11 +176,3 @@ def _convert_map(source: Path, output: Path, mode: MapMode, force: bool) -> None
         console.note(f"note: {percent(graded)} of what is known is neither sure nor free; --mode raw keeps such shades")
     for path in written:
         console.result(str(path))
-
-
-def _refuse_existing(paths: list[Path], force: bool) -> None:
-    for path in paths:
-        if path.is_dir():
-            raise MclError("this is a folder, not a file to write", path=path)
-        if path.exists() and not force:
-            raise MclError("this file exists already", "--force replaces it", path=path)

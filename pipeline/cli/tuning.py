@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,6 +27,7 @@ from pipeline.cli.parameters import (
     open_log,
 )
 from pipeline.errors import MclError
+from pipeline.outputs import check_output, replacing
 
 if TYPE_CHECKING:
     from pipeline.tune import Tuning
@@ -66,7 +64,7 @@ def tune(
     """Learn the parameters of a robot and its building from logs."""
     for path in (output, plot, record):
         if path is not None:
-            _check_output(path, force)
+            check_output(path, force)
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise MclError(f"a plot is one of {', '.join(PICTURES)}, told apart by its suffix", path=plot)
     from pipeline import tune as tuning
@@ -78,13 +76,13 @@ def tune(
     text = tuning.preset(learned)
     console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))
     if plot is not None:
-        with _replacing(plot) as partial:
+        with replacing(plot) as partial:
             tuning.plot(learned, partial)
     if record is not None:
-        with _replacing(record) as partial:
+        with replacing(record) as partial:
             _record(learned, text, partial)
     if output is not None:
-        with _replacing(output) as partial:
+        with replacing(output) as partial:
             partial.write_text(text, encoding="utf-8")
     if as_json:
         console.emit_json(learned.to_dict())
@@ -105,24 +103,3 @@ def _record(learned: Tuning, text: str, path: Path) -> None:
     densities = (found.measured, found.before, found.after)
     name = "-".join(log.name for log in learned.logs)
     write_fit(path, name, found.at, densities, (both.measured, both.fitted), text)
-
-
-@contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
-    """A name beside ``path`` to write to: it takes that one's place when it is complete, and goes if it is not."""
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")  # the suffix decides the kind of picture
-    try:
-        yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-def _check_output(path: Path, force: bool) -> None:
-    """What would be known only after minutes."""
-    if path.is_dir():
-        raise MclError("this is a folder, not a file to write", path=path)
-    if path.exists() and not force:
-        raise MclError("this file exists already", "use --force to replace it", path=path)
-    if not path.parent.is_dir():
-        raise MclError("the folder to write to does not exist", path=path.parent)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +14,9 @@ from pipeline.export.pictures import moment, sheet
 from pipeline.export.run import Run, key_moments
 from pipeline.export.tables import TABLES, particles_table, scans_table, write_table
 from pipeline.logs.tum import write_tum
+from pipeline.outputs import check_output
+from pipeline.outputs import refuse_existing as refuse_existing  # pages are outputs too
+from pipeline.outputs import replacing as replacing
 
 PICTURES = (".png", ".jpg")
 TRAJECTORY = ".tum"
@@ -51,18 +52,8 @@ def check(output: Path, wishes: Wishes, *, force: bool = False) -> None:
         raise MclError("--particles asks for a table, this is none", "name a .csv or a .parquet", path=output)
     if wishes.size and not all(SMALLEST <= side <= LARGEST for side in wishes.size):
         raise MclError(f"a picture has {SMALLEST} to {LARGEST} pixels along a side")
-    refuse_existing(output, force)
-    if not output.parent.is_dir():
-        raise MclError("the folder to write to does not exist", path=output.parent)
+    check_output(output, force)
     check_writable(output)
-
-
-def refuse_existing(path: Path, force: bool) -> None:
-    """Raises MclError if something is there that must not be replaced."""
-    if path.is_dir():
-        raise MclError("this is a folder, not a file to write", path=path)
-    if path.exists() and not force:
-        raise MclError("this file exists already", "--force replaces it", path=path)
 
 
 def export(
@@ -87,14 +78,3 @@ def export(
             write_tum(partial, run.told.trajectory)
         else:
             write_table(particles_table(run) if wishes.particles else scans_table(run), partial)
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A name beside ``path`` to write to: it takes that one's place when it is complete, and goes if it is not."""
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")  # the suffix decides the format
-    try:
-        yield partial
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)

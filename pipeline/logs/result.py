@@ -29,6 +29,7 @@ from pipeline.logs.messages import Log
 from pipeline.logs.reader import odometry_at, own_map
 from pipeline.logs.transforms import Transforms, moved
 from pipeline.logs.writer import definition, pack_grid
+from pipeline.outputs import told
 
 Key = tuple[str, str, str]
 
@@ -49,8 +50,9 @@ class ResultFile:
         self._source = McapFile(log.path)
         try:
             self._prepare()
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self._partial.open("wb")
+            with told(self.path):
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = self._partial.open("wb")
         except BaseException:
             self._source.close()
             raise

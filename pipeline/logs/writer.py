@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import io
-import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import __version__
-from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
@@ -28,6 +25,7 @@ from pipeline.logs.encode import (
 )
 from pipeline.logs.messages import Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.outputs import replacing
 
 
 def write_log(
@@ -65,22 +63,6 @@ def write_log(
         files[schema.MAP_CELLS] = pack_grid(grid)
     with replacing(path) as temporary, temporary.open("wb") as file:
         _write(file, topics, metadata or {}, files, start)
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` to write to: renamed to it if all goes well, removed if not."""
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield temporary
-        temporary.replace(path)
-    except OSError as error:
-        raise MclError(f"cannot be written: {error.strerror or error}", path=path) from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def pack_grid(grid: OccupancyGrid) -> bytes:

@@ -12,8 +12,9 @@ from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.reader import read_log
-from pipeline.logs.writer import pack_grid, replacing, unpack_grid, write_log
+from pipeline.logs.writer import pack_grid, unpack_grid, write_log
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.outputs import check_output, replacing
 from recordings import STORE
 
 STAMPS = np.array([5, 1_000_000_000, 2_000_000_007])
@@ -114,3 +115,20 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(MclError, match="cannot be written"), replacing(path / "below"):
         pass
+    with pytest.raises(MclError) as told, replacing(path) as temporary:
+        raise OSError(28, "No space left on device", str(temporary))
+    assert str(told.value) == f"{path}: cannot be written: No space left on device"
+    assert path.read_text() == "after"
+
+
+def test_a_folder_that_takes_nothing_is_known_before_the_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    check_output(tmp_path / "a", force=False)
+
+    def refuse(dir: Path) -> None:
+        raise OSError(30, "Read-only file system", str(dir / "tmp1234"))
+
+    monkeypatch.setattr("tempfile.TemporaryFile", refuse)
+    with pytest.raises(MclError) as told:
+        check_output(tmp_path / "a", force=False)
+    assert str(told.value) == f"{tmp_path / 'a'}: cannot be written: Read-only file system"
+    assert not list(tmp_path.iterdir())

@@ -26,6 +26,8 @@ def desk(journey: Journey, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (desk / "cut.log.gz").write_bytes((desk / "office.log.gz").read_bytes()[:5000])
     (desk / "empty.log").touch()
     (desk / "letter.txt").write_text("Dear robot,\n")
+    (desk / "letter.png").write_text("Dear painter,\n")
+    (desk / "building.yaml").write_bytes((sample_dir() / "building.yaml").read_bytes())
     (desk / "binary.yaml").write_bytes(bytes(range(256)))
     (desk / "office.mcap").write_bytes(journey.log.read_bytes())
     (desk / "cut.mcap").write_bytes(journey.log.read_bytes()[:20_000])
@@ -40,6 +42,8 @@ def desk(journey: Journey, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (desk / "list.yaml").write_text("- 1\n- 2\n")
     (desk / "folder").mkdir()
     (desk / "full").mkdir()
+    (desk / "measured").mkdir()
+    (desk / "measured" / "bench.png").write_bytes(b"curves")
     (desk / "full" / "thesis.txt").write_text("years of work\n")
     return desk
 
@@ -114,6 +118,7 @@ BAD_INPUT = {
     "tune nosuch.mcap": r"nosuch\.mcap: no such file",
     "tune office.mcap -o letter.txt": r"letter\.txt: .*exists.*--force",
     f"simulate nosuch.yaml -o {NEW}": r"nosuch\.yaml: ",
+    "simulate building.yaml -o letter.txt": r"letter\.txt: .*not a folder",
     f"simulate typo.yaml -o {NEW}": r"typo\.yaml:1: unknown key",
     f"simulate unclosed.yaml -o {NEW}": r"unclosed\.yaml:3: ",
     f"export cut.mcap --raw {NEW}": r"cut\.mcap: .*cut",
@@ -132,6 +137,10 @@ BAD_INPUT = {
     "evaluate nosuch.mcap": r"nosuch\.mcap: no such file",
     "evaluate office.mcap --reference two.tum": r"two\.tum:2: ",
     "evaluate office.mcap office.mcap --reference nosuch.tum": r"nosuch\.tum: no such file",
+    "bench office.mcap -o letter.txt": r"letter\.txt: .*not a folder",
+    "bench office.mcap -o measured": r"measured/bench\.png: .*exists.*--force",
+    "bench nosuch.mcap -o new": r"nosuch\.mcap: no such file",
+    "evaluate office.mcap --plot letter.png": r"letter\.png: .*exists.*--force",
     "evaluate office.mcap --plot new.doc": r"new\.doc: .*\.png",
     "evaluate office.mcap --plot nosuch/new.png": r"nosuch: .*folder",
     "evaluate office.mcap --kidnapped-at 1000 --runs 1 --set recovery=none": r"1000 s.*from 0 to",
@@ -216,9 +225,22 @@ def test_a_folder_that_may_not_be_written_to(
     try:
         (tmp_path / "probe").touch()
     except PermissionError:
-        for typed in ("convert office.log.gz -o", "localize office.mcap -o"):
-            done = mcl(*typed.split(), tmp_path / "new", code=1, cwd=desk)
-            assert re.fullmatch(r"error: .*new: .*Permission denied\n", done.stderr)
+        for typed in (
+            "localize office.mcap -o new",
+            "localize office.mcap --output-mcap new.mcap",
+            "convert office.log.gz -o new.mcap",
+            "convert office.dat.gz -o new.yaml",
+            "export run.rrd -o new.png",
+            "share run.rrd -o new.html",
+            "compare run.rrd run.rrd -o new.rrd",
+            "evaluate office.mcap --plot new.png",
+            "tune office.mcap -o new.yaml",
+            "bench office.mcap -o new",
+            "export office.mcap --raw new",
+        ):
+            *words, name = typed.split()
+            done = mcl(*words, tmp_path / name, code=1, cwd=desk)
+            assert re.fullmatch(rf"error: \S*/{re.escape(name)}: .*Permission denied\n", done.stderr), done.stderr
     else:
         (tmp_path / "probe").unlink()
         pytest.skip("this user may write everywhere")
