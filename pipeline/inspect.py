@@ -26,6 +26,10 @@ NAMED = 8
 """Runs of a folder that are named."""
 
 
+class SeveralRunsError(MclError):
+    """A recording of several runs side by side, where that of one was wanted."""
+
+
 @dataclass(frozen=True)
 class EntityInfo:
     """``rows`` are points in time (1 for what never changes); ``bytes`` are unpacked, in memory."""
@@ -201,6 +205,8 @@ def inspect_file(path: Path, file: RrdFile) -> Inspection:
     """What these chunks of the recording at ``path`` tell. Raises MclError if they are not this project's."""
     tables = _tables(file)
     run = _properties(tables, entities.PROPERTY_RUN)
+    if file.application_id == entities.SEVERAL_ID:
+        raise SeveralRunsError("this recording shows several runs side by side", "read one of these runs", path=path)
     if file.application_id != entities.APPLICATION_ID or not run:
         raise MclError(
             "this recording was not written by `mcl`", f"its application is {file.application_id!r}", path=path

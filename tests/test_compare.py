@@ -143,6 +143,15 @@ def test_compare_as_it_is_typed(typed, paths, tmp_path):
     assert (told["common_scans"], told["same_log"]) == (0, False)
 
 
+def test_a_recording_of_both_is_not_one_run(typed, runs, tmp_path):
+    path = tmp_path / "both.rrd"
+    record(runs[:2], path)
+    for words in (("inspect", path), ("export", path, "-o", tmp_path / "a.png"), ("compare", path, path)):
+        done = typed(*words)
+        assert done.exit_code == 1
+        assert "several runs side by side" in done.stderr
+
+
 def test_inspect_of_several_runs_is_a_table(typed, paths):
     done = typed("inspect", *paths)
     assert done.exit_code == 0
