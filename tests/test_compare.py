@@ -20,7 +20,7 @@ from pipeline.errors import MclError
 from pipeline.export.run import read_run
 from pipeline.recording.rerun_sink import RerunSink
 from pipeline.recording.rrd_file import read_rrd
-from pipeline.recording.side_by_side import Shown, write_side_by_side
+from pipeline.recording.side_by_side import Shown, called, write_side_by_side
 
 
 def write(path, *, seed=0, noise=0, log=None, **parameters):
@@ -111,6 +111,17 @@ def test_one_recording_shows_both(runs, tmp_path):
     assert not any("timings" in entity for entity in there)
     with pytest.raises(MclError, match="exists already"):
         write_side_by_side(path, [], apart=None)
+
+
+def test_runs_of_the_same_name_are_told_apart_by_their_parameters(runs):
+    alike = [Shown("log, seed 0", run.file, run.scenes) for run in runs[:2]]
+    most = Config().max_particles
+    assert called(alike) == [
+        f"A: log, seed 0, max_particles {most}, sigma_hit 0.1",
+        "B: log, seed 0, max_particles 5000, sigma_hit 0.3",
+    ]
+    assert called([alike[0], replace(alike[1], name="other")]) == ["A: log, seed 0", "B: other"]
+    assert called([alike[0], alike[0]]) == ["A: log, seed 0", "B: log, seed 0"]
 
 
 def test_a_whole_copy_of_a_damaged_recording_can_be_made(paths, tmp_path):

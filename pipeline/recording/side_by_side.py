@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +34,8 @@ from pipeline.recording.scenes import CURVES, Scenes
 from pipeline.recording.streams import opened, sending
 
 MOST = len(ascii_uppercase)
+NAMED = 2
+"""Parameters in a name."""
 Apart = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
 """How far the first two runs are from each other: scans (n,), times (n,) s, distances (n,) m."""
 ALL = "/all"
@@ -52,6 +55,18 @@ class Shown:
 def letters(count: int) -> list[str]:
     """What so many runs are called: A, B, ..."""
     return list(ascii_uppercase[:count])
+
+
+def called(runs: Sequence[Shown]) -> list[str]:
+    """What each is called in the picture: letter and name; where names are alike also parameters that differ."""
+    names = [f"{letter}: {run.name}" for letter, run in zip(letters(len(runs)), runs, strict=True)]
+    if len({run.name for run in runs}) == len(runs):
+        return names
+    configs = [_config(run.file) for run in runs]
+    keys = dict.fromkeys(key for config in configs for key in config)
+    differing = [key for key in keys if any(config.get(key) != configs[0].get(key) for config in configs)]
+    told = [", ".join(f"{key} {config.get(key, '-')}" for key in differing[:NAMED]) for config in configs]
+    return [f"{name}, {parameters}" if parameters else name for name, parameters in zip(names, told, strict=True)]
 
 
 def write_side_by_side(path: Path, runs: Sequence[Shown], *, apart: Apart | None) -> None:
@@ -89,10 +104,10 @@ def _fill(sink: Any, runs: Sequence[Shown], apart: Apart | None) -> None:
     one_map = all(_same_map(run.scenes, runs[0].scenes) for run in runs)
     layout = _blueprint(runs, one_map, apart is not None)
     with opened(sink, entities.SEVERAL_ID, f"side-by-side-{ids}"[:200], layout) as stream:
-        for letter, run, colour in zip(letters(len(runs)), runs, _colours(len(runs)), strict=True):
+        for name, letter, run, colour in zip(called(runs), letters(len(runs)), runs, _colours(len(runs)), strict=True):
             stream.send_chunks(_below(f"/{letter}", run.file))
             for entity in CURVES.values():
-                lines = rr.SeriesLines(colors=colour, names=f"{letter}: {run.name}", widths=1.5)
+                lines = rr.SeriesLines(colors=colour, names=name, widths=1.5)
                 stream.log(f"/{letter}{entity}", lines, static=True)
             if one_map:
                 _log_overlay(stream, letter, run.scenes, colour)
@@ -113,6 +128,15 @@ def _below(place: str, file: RrdFile) -> list[object]:
         if not chunk.entity_path.startswith(("/__", entities.TIMINGS))
         and not (chunk.is_static and chunk.entity_path in CURVES.values())
     ]
+
+
+def _config(file: RrdFile) -> dict[str, Any]:
+    """A run's parameters, as its recording has them."""
+    for chunk in file.chunks:
+        if chunk.entity_path == f"/__properties/{entities.PROPERTY_RUN}":
+            found: dict[str, Any] = json.loads(chunk.to_record_batch()["config"][0].as_py()[0])
+            return found
+    return {}
 
 
 def _same_map(a: Scenes, b: Scenes) -> bool:
@@ -137,12 +161,12 @@ def _log_overlay(stream: rr.RecordingStream, letter: str, scenes: Scenes, colour
 
 
 def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Blueprint:
-    called = letters(len(runs))
+    below = letters(len(runs))
     areas = [known_area(run.scenes.grid) for run in runs]
     columns, aspect = _columns(areas)
     maps: list[rrb.View | rrb.Container] = [
-        map_views(area, below=f"/{letter}", name=f"{letter}: {run.name}", aspect=aspect)[0]
-        for letter, run, area in zip(called, runs, areas, strict=True)
+        map_views(area, below=f"/{letter}", name=name, aspect=aspect)[0]
+        for letter, name, area in zip(below, called(runs), areas, strict=True)
     ]
     tabs: list[rrb.View | rrb.Container] = [rrb.Grid(*maps, grid_columns=columns, name="Side by side")]
     if one_map:
@@ -150,22 +174,22 @@ def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Bluepri
             rrb.Spatial3DView(
                 origin="/",
                 name="On one map",
-                contents=[f"{ALL}/**", f"/{called[0]}{entities.MAP}", f"/{called[0]}{entities.TRUTH_PATH}"],
+                contents=[f"{ALL}/**", f"/{below[0]}{entities.MAP}", f"/{below[0]}{entities.TRUTH_PATH}"],
                 eye_controls=looking_down(areas[0]),
                 line_grid=False,
                 background=palette.UNKNOWN,
-                overrides={f"{ALL}/{letter}/path": so_far() for letter in called},
+                overrides={f"{ALL}/{letter}/path": so_far() for letter in below},
             )
         )
     beside = [
         *([curves("Distance between the estimates, m", DISTANCE)] if apart else []),
-        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in called)),
-        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in called)),
-        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in called)),
+        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in below)),
+        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in below)),
+        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in below)),
     ]
     events = rrb.TextLogView(
         name="Events",
-        contents=[f"/{letter}{entities.EVENTS}" for letter in called],
+        contents=[f"/{letter}{entities.EVENTS}" for letter in below],
         columns=rrb.TextLogColumns(
             timeline_columns=[entities.TIME], text_log_columns=["entitypath", "loglevel", "body"]
         ),
