@@ -38,6 +38,18 @@ what happened. Click an event or a curve to go there.
 {sampling}
 """
 
+_LOG = """\
+A log before anybody has found the robot: the wheels tell how it moved, but not where in the building it began, so that
+odometry and map are drawn apart. The wheels slip, and so the path bends and drifts.
+
+| drawn as | means |
+|---|---|
+| dark grey ring, arrow and line | the robot by its odometry, and its path so far |
+| blue dots | where the laser's beams end, as seen from the robot |
+"""
+_LOG_MAP = "| black, white and grey | the map's walls, what is free, and what nobody knows |\n"
+_LOG_TRUTH = "| green ring, arrow and line | where it was in truth, with the same scan |\n"
+
 
 def explanation(config: Config) -> str:
     """What the colours and curves mean, and how the recorded particles were chosen."""
@@ -47,6 +59,11 @@ def explanation(config: Config) -> str:
         "curves count all of them. What is drawn is rounded to 4 mm and 1 degree; the estimate is also stored exactly."
     )
     return _EXPLANATION.format(sampling=sampling)
+
+
+def log_explanation(*, grid: bool, truth: bool) -> str:
+    """What the picture of a log shows, with a map and with the truth where it knows them."""
+    return _LOG + (_LOG_MAP if grid else "") + (_LOG_TRUTH if truth else "")
 
 
 def run(log: Log, config: Config, seed: int, versions: Mapping[str, str]) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.geometry import compose
 from pipeline.logs.messages import Log
-from pipeline.recording import entities, palette
+from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import ASPECT, Area, framed, known_area, looking_down, map_views, so_far
 from pipeline.recording.columns import lift, segments, timelines, transforms
 from pipeline.recording.streams import opened, sending
@@ -44,6 +44,9 @@ def _fill(sink: Any, log: Log) -> None:
         if log.grid is not None:
             stream.log(entities.MAP, drawn_map(log.grid), static=True)
         truth = truth_at_scans(log)
+        told = documents.log_explanation(grid=log.grid is not None, truth=truth is not None)
+        markdown = rr.TextDocument(told, media_type=rr.MediaType.MARKDOWN)
+        stream.log(entities.EXPLANATION, markdown, static=True)
         if truth is not None:
             _drive(stream, log, *truth, (entities.TRUTH, entities.TRUTH_PATH), palette.TRUTH)
 
@@ -97,4 +100,5 @@ def _layout(log: Log) -> rrb.Blueprint:
     ]
     if log.grid is not None:
         views.insert(0, map_views(known_area(log.grid), name="Map", aspect=aspect)[0])
-    return framed(rrb.Horizontal(*views))
+    explanation = rrb.TextDocumentView(origin=entities.EXPLANATION, name="What you see")
+    return framed(rrb.Vertical(rrb.Horizontal(*views), explanation, row_shares=[3, 1]))

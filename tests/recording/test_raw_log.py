@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.recording.columns import DISPLAY_STEP
+from pipeline.recording.documents import log_explanation
 from pipeline.recording.raw_log import write_raw_log
 from pipeline.recording.rrd_file import read_rrd
 
@@ -54,10 +55,19 @@ def test_what_a_log_lacks_is_left_out(recorded):
     assert not any(entity.startswith("/world") for entity in entities)
 
 
+def test_what_is_drawn_is_explained(recorded):
+    entities, _ = recorded(drive(5))
+    assert "/about/explanation" in entities
+    assert "blue dots" in log_explanation(grid=False, truth=False)
+    assert "truth" in log_explanation(grid=True, truth=True)
+    assert "truth" not in log_explanation(grid=True, truth=False)
+    assert "walls" not in log_explanation(grid=False, truth=False)
+
+
 def test_a_log_is_viewed_alone(office, tmp_path, listening):
     _, address = listening
     viewed = CliRunner().invoke(app, ["view", str(office.path), "--connect", address])
     assert viewed.exit_code == 0
     both = CliRunner().invoke(app, ["view", str(office.path), str(office.path), "--connect", address])
     assert both.exit_code == 1
-    assert "not a rerun recording" in both.stderr
+    assert "a log is viewed alone" in both.stderr
