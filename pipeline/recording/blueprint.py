@@ -82,7 +82,7 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
     events = rrb.TextLogView(
         origin=entities.EVENTS,
         name="Events",
-        columns=rrb.TextLogColumns(timeline_columns=[entities.SCAN], text_log_columns=["loglevel", "body"]),
+        columns=rrb.TextLogColumns(timeline_columns=[entities.TIME], text_log_columns=["loglevel", "body"]),
     )
     tabs = rrb.Tabs(*map_views(known_area(grid)), *documents, active_tab=tab)
     return arranged(tabs, events, rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]))
