@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from converters import beesoft
 from converters.cmu_text import BEAMS, MAX_RANGE_CM, MAX_STAMP, CmuLog, format_lines, is_log_text, parse_log_text
-from converters.map_files import HEAD, read_map
+from converters.map_files import HEAD, map_bytes, read_map
 from converters.report import ConversionReport
 from converters.segments import Segment, continue_odometry, from_metadata, move, move_back, to_metadata
 from converters.text import read_bytes, sha256, write_text
@@ -268,7 +268,7 @@ def _read_map(path: Path | None) -> tuple[OccupancyGrid | None, dict[str, str], 
     """The grid, what the metadata says of it, and the file itself if the grid cannot give its numbers back."""
     if path is None:
         return None, {}, {}
-    data = read_bytes(path)
+    data = map_bytes(path)
     record = {"file": Path(path).name, "sha256": sha256(path)}
     if not beesoft.is_beesoft(data[:HEAD]):
         return read_map(path), record | {"format": "map_server"}, {}

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from converters.bag_file import BagFile, is_bag
 from converters.beesoft import is_beesoft, parse_beesoft
+from converters.carmen_text import is_carmen_text
 from converters.cmu_text import is_log_text
 from converters.text import read_bytes
 from pipeline.errors import MclError
@@ -33,15 +34,22 @@ def read_map(path: Path | str) -> OccupancyGrid:
     Raises MclError for a log, an image, and whatever is wrong in the file.
     """
     path = Path(path)
-    data = read_bytes(path)
+    data = map_bytes(path)
     head = data[:HEAD]
     if is_beesoft(head):
         return parse_beesoft(data, path).grid
-    if is_log_text(head):
+    if _is_log(path, head):
         raise MclError("this is a log, not a map", "give it as the log", path=path)
     if b"\0" in head or head[:2] in (b"P5", b"P2"):
         raise MclError("not a map file", "give the .yaml beside the image, or a beesoft map", path=path)
     return load_map(path)
+
+
+def map_bytes(path: Path) -> bytes:
+    """The content of a map's file, unpacked. Raises MclError as `read_bytes`, and for a folder."""
+    if path.is_dir():
+        raise MclError("this is a folder, not a map", "give the .yaml in it, or a beesoft map", path=path)
+    return read_bytes(path)
 
 
 def convert_map(source: Path, output: Path, mode: str = "trinary") -> tuple[OccupancyGrid, Sequence[Path]]:
@@ -67,8 +75,14 @@ def _find_map(source: Path) -> OccupancyGrid:
         with BagFile(source) as bag:
             topic, topics = find(bag, schema.GRID_TYPE), bag.topics
             grid = None if topic is None else decode_grid(bag.messages([topic])[topic])
+    elif _is_log(source, head):
+        raise MclError("this is a log, and a .yaml is for maps", "name the output .mcap", path=source)
     else:
         return read_map(source)
     if grid is None:
         raise MclError(f"no map ({schema.GRID_TYPE}) in this file: {describe(topics)}", path=source)
     return grid
+
+
+def _is_log(path: Path, head: bytes) -> bool:
+    return is_log_text(head) or is_carmen_text(path, head)

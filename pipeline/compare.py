@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.evaluate.metrics import pose_errors
 from pipeline.export.run import Run
-from pipeline.outputs import check_output, replacing
+from pipeline.outputs import check_output, check_suffix, replacing
 
 if TYPE_CHECKING:
     from pipeline.recording.side_by_side import Apart, Shown
@@ -28,7 +28,7 @@ class Figures:
     """What came out of a run; None where it is not known.
 
     Times are s of the log but for ``wall``, which is s of the machine; errors are m against the truth as drawn (4 mm),
-    ``error`` the median from convergence on; ``explained`` is a share of the beams.
+    ``error`` the median from convergence on, None if that never came; ``explained`` is a share of the beams.
     """
 
     log: str
@@ -41,7 +41,7 @@ class Figures:
     explained: float | None
     error: float | None
     end_error: float | None
-    particles: int
+    particles: int | None
     wall: float | None
 
 
@@ -49,10 +49,11 @@ def figures(run: Run) -> Figures:
     """What the recording alone tells."""
     told, scenes = run.told, run.scenes
     kinds = [event.kind for event in told.events]
-    since = told.times >= (0.0 if told.converged_at is None else told.converged_at)
+    converged = told.converged_at is not None
+    since = told.times >= (told.converged_at or 0.0)
     error = errors(run)[0]
-    known = error[since & ~np.isnan(error)]
-    explained = scenes.curves["explained"][since]
+    known = error[since & ~np.isnan(error) & converged]
+    explained, particles = scenes.curves["explained"][since], scenes.curves["particles"][-1]
     return Figures(
         log=told.log,
         seed=told.seed,
@@ -64,7 +65,7 @@ def figures(run: Run) -> Figures:
         explained=float(np.nanmean(explained)) if (~np.isnan(explained)).any() else None,
         error=float(np.median(known)) if len(known) else None,
         end_error=None if np.isnan(error[-1]) else float(error[-1]),
-        particles=int(np.nan_to_num(scenes.curves["particles"][-1])),
+        particles=None if np.isnan(particles) else int(particles),
         wall=sum(told.timings.values()) or None,
     )
 
@@ -78,7 +79,7 @@ FIGURES: tuple[tuple[str, Callable[[Figures], str]], ...] = (
     ("explained", lambda f: _or_dash(f.explained, lambda v: f"{100 * v:.0f} %")),
     ("error", lambda f: _or_dash(f.error, lambda v: f"{v:.2f} m")),
     ("at the end", lambda f: _or_dash(f.end_error, lambda v: f"{v:.2f} m")),
-    ("particles", lambda f: f"{f.particles:,}"),
+    ("particles", lambda f: _or_dash(f.particles, lambda v: f"{v:,}")),
     ("wall", lambda f: _or_dash(f.wall, lambda v: f"{v:.1f} s")),
 )
 """What is told of a run, and how."""
@@ -201,6 +202,7 @@ def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:
     from pipeline.recording.side_by_side import write_run, write_side_by_side
 
     check_output(output, force)
+    check_suffix(output, ".rrd", "the name of a recording ends in .rrd")
     with replacing(output) as partial:
         if len(runs) == 1:
             write_run(partial, _to_show(runs)[0])

@@ -261,7 +261,8 @@ def _recording_in(folder: Path) -> Path:
         raise MclError(f"no run's folder: there is no {RECORDING} in it", path=folder)
     more = f" and {len(runs) - NAMED} more" if len(runs) > NAMED else ""
     several = f"{len(runs)} runs, newest first" if len(runs) > 1 else "one run"
-    raise MclError(f"holds {several}: {', '.join(runs[:NAMED])}{more}", "inspect one of them", path=folder)
+    hint = "name one of them" if len(runs) > 1 else "name that one"
+    raise MclError(f"holds {several}: {', '.join(runs[:NAMED])}{more}", hint, path=folder)
 
 
 def _tables(file: RrdFile) -> dict[str, pa.Table]:

@@ -39,6 +39,12 @@ def refuse_existing(path: Path, force: bool) -> None:
         raise MclError("this file exists already", "--force replaces it", path=path)
 
 
+def check_suffix(path: Path, suffix: str, expected: str) -> None:
+    """Raises MclError, saying what was expected, unless the name tells what will be in the file."""
+    if path.suffix.lower() != suffix:
+        raise MclError(expected, path=path)
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A name beside ``path`` to write to: it takes that one's place when it is complete, and goes if it is not."""

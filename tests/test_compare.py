@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent / "recording"))
 from synthetic import drive, steps
 
 from pipeline.cli import app
-from pipeline.compare import compare, figures, record, table
+from pipeline.compare import FIGURES, compare, figures, record, table
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.export.run import read_run
@@ -62,6 +62,16 @@ def test_figures_are_those_of_the_run(runs):
     assert found.error == pytest.approx(np.median(error[told.times >= told.converged_at]))
     assert found.end_error == pytest.approx(error[-1])
     assert figures(runs[2]).error is None
+
+
+def test_what_a_recording_does_not_tell_is_a_dash(runs):
+    known = runs[0]
+    curves = known.scenes.curves | {"particles": np.full(150, np.nan)}
+    never = [event for event in known.told.events if event.kind != "converged"]
+    run = replace(known, told=replace(known.told, events=tuple(never)), scenes=replace(known.scenes, curves=curves))
+    shown = {name: show(figures(run)) for name, show in FIGURES}
+    assert (shown["converged"], shown["error"], shown["particles"]) == ("never", "-", "-")
+    assert shown["at the end"] != "-"
 
 
 def test_a_run_is_never_apart_from_itself(runs):

@@ -96,9 +96,9 @@ def test_a_folder_of_runs_names_them_newest_first(run, tmp_path):
         copy = shutil.copy(run[0].recording, tmp_path / name)
         os.utime(copy, (1_000_000 - age, 1_000_000 - age))
     named = ", ".join(str(tmp_path / name) for name in names)
-    assert complaint(tmp_path) == f"{tmp_path}: holds 3 runs, newest first: {named} (inspect one of them)"
+    assert complaint(tmp_path) == f"{tmp_path}: holds 3 runs, newest first: {named} (name one of them)"
     assert "holds 2 runs" in complaint(tmp_path / "log")
-    assert "holds one run: " in complaint(tmp_path / "other")
+    assert complaint(tmp_path / "other").endswith("other/z (name that one)")
     (tmp_path / "none").mkdir()
     assert "no run.rrd in it" in complaint(tmp_path / "none")
 

@@ -11,6 +11,7 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns, look_at
 from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption
+from pipeline.errors import MclError
 
 LISTED = 12
 """Stretches that are listed."""
@@ -74,8 +75,11 @@ def view(
 
     if connect is not None:
         viewer.check_address(connect)
-    if len(runs) == 1 and runs[0].suffix == ".mcap":
-        _view_log(runs[0], connect)
+    log = next((path for path in runs if path.suffix == ".mcap"), None)
+    if log is not None and len(runs) > 1:
+        raise MclError("a log is viewed alone", "runs are viewed together: mcl localize makes one of a log", path=log)
+    if log is not None:
+        _view_log(log, connect)
     else:
         _view_runs(runs, connect)
 

@@ -21,7 +21,7 @@ from pipeline.cli.parameters import (
     named,
 )
 from pipeline.errors import MclError
-from pipeline.outputs import check_folder, refuse_existing
+from pipeline.outputs import check_folder, check_suffix, refuse_existing
 
 YAML = (".yaml", ".yml")
 
@@ -81,12 +81,13 @@ def convert(
 
     With a name that ends in .yaml as the output, a map (or a recording's) becomes a map_server YAML with its image.
     """
-    if output.suffix in YAML:
+    if output.suffix.lower() in YAML:
         if len(logs) != 1 or map_path or drop or join or ground_truth:
             raise typer.BadParameter("to write a map, give one map (or a recording that has one) and nothing else")
         _convert_map(logs[0], output, mode, force)
         return
     intervals = [_interval(text) for text in drop or ()]
+    check_suffix(output, ".mcap", "the name of a log ends in .mcap, that of a map in .yaml")
     refuse_existing(output, force)
     for source in (*logs, map_path, ground_truth):
         if source is not None and source.exists() and output.exists() and source.samefile(output):

@@ -31,6 +31,7 @@ from pipeline.cli.parameters import (
     open_log,
 )
 from pipeline.errors import MclError
+from pipeline.outputs import check_suffix
 
 if TYPE_CHECKING:
     from pipeline.config import Config
@@ -106,8 +107,10 @@ def localize(
     if (view or connect) and not record:
         raise typer.BadParameter("what is shown is the recording: --no-record leaves nothing to --view")
 
-    if mcap is not None and mcap.exists():
-        raise MclError("this file exists already", "results are never overwritten", path=mcap)
+    if mcap is not None:
+        check_suffix(mcap, ".mcap", "the name of the result ends in .mcap")
+        if mcap.exists():
+            raise MclError("this file exists already", "results are never overwritten", path=mcap)
 
     start = _pose(pose)
     if start is not None and init not in (None, "pose"):
@@ -124,7 +127,7 @@ def localize(
         written = {} if mcap is None else {"mcap": str(mcap)}
         console.emit_json({"folder": str(run.folder.path), **written, **run.to_dict()})
         return
-    _report(run, map_path)
+    _report(run, map_path, config)
     if mcap is not None:
         console.result(str(mcap))
     console.result(str(run.folder.path))
@@ -299,7 +302,7 @@ def _fresh(folder: RunFolder) -> Iterator[None]:
         raise
 
 
-def _report(run: Replay, map_path: Path | None = None) -> None:
+def _report(run: Replay, map_path: Path | None = None, config: str | None = None) -> None:
     x, y, yaw = run.result.poses[-1]
     converged = run.result.converged_at
     parts = ", ".join(f"{part} {seconds:.2f}" for part, seconds in run.seconds.items())
@@ -318,7 +321,8 @@ def _report(run: Replay, map_path: Path | None = None) -> None:
     if run.explained_late < DOUBTFUL:
         console.note(
             f"warning: do not trust this: {_map_name(run.log, map_path)} explains {percent(run.explained_late)} of the "
-            f"beams in the second half of the run, a right pose {percent(DOUBTFUL)} or more; is it another building's?"
+            f"beams in the second half of the run, a right pose {percent(DOUBTFUL)} or more; is it another building's"
+            + (f", or are the parameters (--config {config}) another robot's?" if config else "?")
         )
     if run.recorded:
         console.note(look_at(run.folder.recording))

@@ -27,7 +27,7 @@ from pipeline.cli.parameters import (
     open_log,
 )
 from pipeline.errors import MclError
-from pipeline.outputs import check_output, replacing
+from pipeline.outputs import check_output, check_suffix, replacing
 
 if TYPE_CHECKING:
     from pipeline.tune import Tuning
@@ -65,6 +65,8 @@ def tune(
     for path in (output, plot, record):
         if path is not None:
             check_output(path, force)
+    if record is not None:
+        check_suffix(record, ".rrd", "the name of a recording ends in .rrd")
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise MclError(f"a plot is one of {', '.join(PICTURES)}, told apart by its suffix", path=plot)
     from pipeline import tune as tuning

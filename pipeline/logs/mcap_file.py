@@ -15,6 +15,8 @@ from pipeline.logs.recorded import Messages, Topic, check_complete
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+RRD_MAGIC: Final = b"RRF"
+A_RUN: Final = ("this is a run, and a log is wanted", "give the .mcap that the run was made from")
 
 
 class McapFile:
@@ -30,6 +32,8 @@ class McapFile:
         except FileNotFoundError as error:
             raise MclError("no such file", path=path) from error
         except IsADirectoryError as error:
+            if any(self.path.glob("*.rrd")):
+                raise MclError(*A_RUN, path=path) from error
             raise MclError(
                 "cannot be read: a directory, not an .mcap", "a bag? then: mcl convert", path=path
             ) from error
@@ -148,11 +152,14 @@ class McapFile:
             raise MclError(
                 "this file is packed with zstd", "unpack it, or: mcl convert the bag's folder", path=self.path
             )
+        if begin.startswith(RRD_MAGIC):
+            raise MclError(*A_RUN, path=self.path)
         if begin != MAGIC:
             raise MclError("not an MCAP file", "logs and bags become one with: mcl convert", path=self.path)
         self._file.seek(-len(MAGIC), 2)
         if self._file.tell() == 0 or self._file.read() != MAGIC:
-            raise MclError("this MCAP file is cut: its end is missing", path=self.path)
+            hint = "copy it again, or rescue what is there with mcap.dev's tool: mcap recover"
+            raise MclError("this MCAP file is cut: its end is missing", hint, path=self.path)
         self._file.seek(0)
 
     @contextmanager

@@ -12,6 +12,8 @@ from pipeline.geometry import quaternion_to_yaw, yaw_to_quaternion
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.stamps import format_stamp, parse_stamp
 
+LINES = "TUM lines: stamp x y z qx qy qz qw"
+
 
 def read_tum(path: Path, frame: str = "map") -> Trajectory:
     """The planar poses of a TUM file, in the order of the file; z, roll and pitch are ignored.
@@ -41,7 +43,7 @@ def read_tum(path: Path, frame: str = "map") -> Trajectory:
         stamps.append(stamp)
         rows.append(row)
     if not rows:
-        raise MclError("no poses in this file", "expected TUM lines: stamp x y z qx qy qz qw", path=path)
+        raise MclError("no poses in this file", f"expected {LINES}", path=path)
     x, y, _, qx, qy, qz, qw = np.array(rows, dtype=np.float64).T
     norm = np.sqrt(qx**2 + qy**2 + qz**2 + qw**2)
     yaw = quaternion_to_yaw(qx / norm, qy / norm, qz / norm, qw / norm)
@@ -63,5 +65,7 @@ def _read_lines(path: Path) -> list[str]:
         return path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError as error:
         raise MclError("no such file", path=path) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise MclError(f"cannot be read as text: {error}", path=path) from error
+    except UnicodeDecodeError as error:
+        raise MclError("not a text file", f"give a trajectory as {LINES}", path=path) from error
+    except OSError as error:
+        raise MclError(f"cannot be read: {error.strerror}", f"give a trajectory as {LINES}", path=path) from error

@@ -33,6 +33,8 @@ def load_map(path: Path) -> OccupancyGrid:
     """
     path = Path(path)
     values = _read_yaml(path)
+    if not values.keys() & {"image", "resolution"}:
+        raise MclError("not a map_server YAML", "expected keys: image, resolution, origin, ...", path=path)
     resolution = _number(values, "resolution", path)
     if resolution <= 0:
         raise MclError("resolution must be positive, metres per pixel", path=path)
@@ -50,7 +52,10 @@ def load_map(path: Path) -> OccupancyGrid:
     if not isinstance(name, str) or not name:
         raise MclError("no image is named in this file", "expected a key: image: map.pgm", path=path)
 
-    colours, alpha = _read_image(path.parent / name)
+    image = path.parent / name
+    if not image.exists():
+        raise MclError(f"its image is missing: {image}", "the key image names it", path=path)
+    colours, alpha = _read_image(image)
     counted = colours
     if mode == "trinary" and alpha is not None:
         counted = np.concatenate([colours, alpha[..., None]], axis=2)  # so map_server does it
@@ -141,8 +146,6 @@ def _read_image(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64] | 
                 return np.repeat(grey[..., None], 3, axis=2), None
             has_alpha = image.has_transparency_data
             pixels = np.asarray(image.convert("RGBA"), dtype=np.float64) * _FROM_8_BITS
-    except FileNotFoundError as error:
-        raise MclError("no such image", "the YAML's key image names it", path=path) from error
     except (UnidentifiedImageError, OSError, ValueError, SyntaxError) as error:
         raise MclError(f"cannot be read as an image: {error}", path=path) from error
     return pixels[..., :3], pixels[..., 3] if has_alpha else None

@@ -12,6 +12,7 @@ from typing import Any
 from rerun.chunk import RrdReader
 
 from pipeline.errors import MclError
+from pipeline.logs import mcap_file
 
 MAGIC = b"RRF2"
 _STREAM_HEADER = 12  # bytes: magic, version, options
@@ -37,8 +38,11 @@ def read_rrd(path: Path) -> RrdFile:
         raise MclError("no such recording", path=path)
     with path.open("rb") as file:
         magic = file.read(len(MAGIC))
+    if magic == mcap_file.MAGIC[: len(MAGIC)]:
+        raise MclError("this is a log, and a run is wanted", "mcl localize makes a run of it", path=path)
     if magic != MAGIC:
-        raise MclError("not a rerun recording", "expected an .rrd as `mcl localize` writes it", path=path)
+        hint = "expected a run as mcl localize leaves it; logs become one by mcl convert, then mcl localize"
+        raise MclError("not a rerun recording", hint, path=path)
     size = path.stat().st_size
     whole = _end_of_last_whole_message(path, size)
     if whole == size:

@@ -73,8 +73,12 @@ def test_a_recording_without_a_map_says_what_it_has(tmp_path: Path) -> None:
     with pytest.raises(MclError, match=r"a\.mcap: no map .* in this file: it has /tf_static"):
         convert_map(ordinary().write(tmp_path / "a.mcap"), tmp_path / "a.yaml")
     (tmp_path / "a.log").write_text("O 1 2 3 4\n")
-    with pytest.raises(MclError, match="this is a log, not a map"):
-        convert_map(tmp_path / "a.log", tmp_path / "a.yaml")
+    (tmp_path / "b.log").write_text("FLASER 1 2.0 0 0 0 0 0 0 1.0 robot 1.0\n")
+    for log in ("a.log", "b.log"):
+        with pytest.raises(MclError, match=r"this is a log, .*name the output \.mcap"):
+            convert_map(tmp_path / log, tmp_path / "a.yaml")
+        with pytest.raises(MclError, match="this is a log, not a map"):
+            read_map(tmp_path / log)
     assert not (tmp_path / "a.yaml").exists()
 
 

@@ -207,7 +207,7 @@ BAD = {
     "negate in words": ("negate: 0", "negate: perhaps", "negate must be 0 or 1"),
     "no negate": ("negate: 0\n", "", "negate must be 0 or 1"),
     "unknown mode": ("negate: 0", "negate: 0\nmode: ternary", "unknown mode 'ternary'"),
-    "an image that is not there": ("m.png", "n.png", "no such image"),
+    "an image that is not there": ("m.png", "n.png", "m.yaml: its image is missing: "),
     "an image that is none": ("m.png", "m.yaml", "cannot be read as an image"),
     "nothing to scale": ("free_thresh: 0.196", "free_thresh: 0.7\nmode: scale", "occupied_thresh must be above"),
     "no YAML": ("[1.5, -2.0, 0.5]", "[1.5, -2.0, 0.5", "neither a beesoft map nor YAML"),
@@ -231,6 +231,9 @@ def test_bad_maps_are_named(tmp_path: Path, case: str) -> None:
 def test_files_that_are_no_map(tmp_path: Path) -> None:
     with pytest.raises(MclError, match="no such map"):
         load_map(tmp_path / "missing.yaml")
+    (tmp_path / "other.yaml").write_text("walls: []\n")
+    with pytest.raises(MclError, match=r"other.yaml: not a map_server YAML .expected keys: image"):
+        load_map(tmp_path / "other.yaml")
     (tmp_path / "list.yaml").write_text("[1, 2]")
     with pytest.raises(MclError, match="neither"):
         load_map(tmp_path / "list.yaml")

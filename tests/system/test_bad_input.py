@@ -41,6 +41,9 @@ def desk(journey: Journey, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (desk / "unclosed.yaml").write_text("init: map\nmax_beams: [1\n")
     (desk / "list.yaml").write_text("- 1\n- 2\n")
     (desk / "folder").mkdir()
+    (desk / "folder.mcap").mkdir()
+    (desk / "first").mkdir()
+    (desk / "first" / "run.rrd").write_bytes((journey.run / "run.rrd").read_bytes())
     (desk / "full").mkdir()
     (desk / "measured").mkdir()
     (desk / "measured" / "bench.png").write_bytes(b"curves")
@@ -67,19 +70,28 @@ BAD_INPUT = {
     f"convert office.log.gz office.log.gz {TO}": r"--join",
     f"convert office.log.gz --drop 70:40 {TO}": r"begin <= end",
     f"convert office.log.gz --drop 0:400 {TO}": r"nothing is left",
-    "convert office.log.gz -o letter.txt": r"letter\.txt: .*exists.*--force",
-    "convert office.log.gz -o folder --force": r"folder: .*folder",
+    "convert office.log.gz -o office.mcap": r"office\.mcap: .*exists.*--force",
+    "convert office.log.gz -o new.bag": r"new\.bag: the name of a log ends in \.mcap, that of a map in \.yaml",
+    "convert office.log.gz -o folder.mcap --force": r"folder\.mcap: .*folder",
     "convert office.log.gz -o letter.txt/new.mcap": r"letter\.txt",
-    "convert office.log.gz -o office.log.gz --force": r"office\.log\.gz: .*one of the inputs",
+    "convert office.mcap -o office.mcap --force": r"office\.mcap: .*one of the inputs",
     f"convert cut.bag {TO}": r"cut\.bag: this bag is cut or damaged",
     f"convert office.mcap {TO}": r"office\.mcap: mcl convert made this file.*mcl localize",
     f"convert office.log.gz --scan-topic /scan {TO}": r"office\.log\.gz: .*no topics",
     "convert letter.txt -o new.yaml": r"letter\.txt: .*not a map",
-    "convert office.log.gz -o new.yaml": r"office\.log\.gz: .*not a map",
+    "convert office.log.gz -o new.yaml": r"office\.log\.gz: this is a log.*name the output \.mcap",
+    f"convert office.log.gz --map folder {TO}": r"folder: .*not a map.*\.yaml",
+    f"convert office.log.gz --map building.yaml {TO}": r"building\.yaml: not a map_server YAML.*image",
+    f"convert office.log.gz --ground-truth office.mcap {TO}": r"office\.mcap: not a text file.*TUM",
     "convert office.dat.gz -o typo.yaml": r"typo\.yaml: .*exists.*--force",
     f"localize nosuch.mcap -o {NEW}": r"nosuch\.mcap: no such file",
     f"localize folder -o {NEW}": r"folder: .*directory.*mcl convert",
-    f"localize cut.mcap -o {NEW}": r"cut\.mcap: .*cut",
+    f"localize cut.mcap -o {NEW}": r"cut\.mcap: .*cut.*mcap recover",
+    f"localize first -o {NEW}": r"first: this is a run, and a log is wanted \(.*\.mcap",
+    f"localize first/run.rrd -o {NEW}": r"run\.rrd: this is a run, and a log is wanted \(.*\.mcap",
+    f"export first --raw {NEW}": r"first: this is a run",
+    "evaluate first": r"first: this is a run",
+    f"localize office.mcap --output-mcap out -o {NEW}": r"out: .*\.mcap",
     f"localize office.log.gz -o {NEW}": r"office\.log\.gz: .*mcl convert",
     f"localize cut.bag -o {NEW}": r"cut\.bag: not an MCAP file.*mcl convert",
     f"localize office.mcap.zstd -o {NEW}": r"office\.mcap\.zstd: .*packed with zstd",
@@ -109,7 +121,9 @@ BAD_INPUT = {
     f"localize office.mcap --set occupied_threshold=0 --set free_threshold=0 -o {NEW}": r"no cell",
     "inspect nosuch": r"nosuch: no such recording",
     "inspect folder": r"folder: .*no run\.rrd in it",
-    "inspect letter.txt": r"letter\.txt: not a rerun recording",
+    "inspect letter.txt": r"letter\.txt: not a rerun recording.*mcl convert, then mcl localize",
+    "inspect office.mcap": r"office\.mcap: this is a log, and a run is wanted.*mcl localize",
+    "view office.mcap office.mcap": r"office\.mcap: a log is viewed alone.*mcl localize",
     "inspect stub.rrd": r"stub\.rrd: ",
     "inspect run.rrd --at 1000": r"1000 s .*from 0 s to",
     "inspect run.rrd --at nan": r"from 0 s to",
@@ -130,7 +144,8 @@ BAD_INPUT = {
     "view nosuch": r"nosuch: no such recording",
     "view run.rrd --connect here": r"'here' is no address.*rerun\+http",
     "compare run.rrd nosuch": r"nosuch: no such recording",
-    "compare run.rrd run.rrd -o letter.txt": r"letter\.txt: .*exists.*--force",
+    "compare run.rrd run.rrd -o run.rrd": r"run\.rrd: .*exists.*--force",
+    "compare run.rrd run.rrd -o new.png": r"new\.png: .*\.rrd",
     f"localize office.mcap --connect rerun+http://127.0.0.1:1/proxy -o {NEW}": r"no viewer answers",
     "share nosuch -o new.html": r"nosuch: no such recording",
     "share run.rrd -o letter.txt": r"letter\.txt: .*\.html",

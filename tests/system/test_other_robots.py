@@ -21,8 +21,13 @@ def test_the_map_of_another_building_is_not_trusted(mcl: Command, journey: Journ
     save_map(OccupancyGrid(cells, 0.1), tmp_path / "hall.yaml")
     said = mcl("localize", journey.log, "--map", tmp_path / "hall.yaml", *FEW, "-o", tmp_path / "run").stderr
     assert re.search(r"^warning: do not trust this: the map .*hall\.yaml explains \d+ % of the beams", said, re.M)
+    assert "the parameters" not in said
     figures = json.loads((tmp_path / "run" / "run.json").read_text())["figures"]
     assert figures["explained_late"] < 0.55
+    words = ("--map", tmp_path / "hall.yaml", *FEW, "--config", "course", "-o", tmp_path / "again")
+    assert re.search(
+        r"do not trust .* \(--config course\) another robot's\?$", mcl("localize", journey.log, *words).stderr, re.M
+    )
 
 
 def test_a_map_goes_to_ros_and_comes_back(mcl: Command, journey: Journey, tmp_path: Path) -> None:
