@@ -199,6 +199,14 @@ def load_config(
     return _validate(values | typed, {key: source for key in values if key not in typed}, theirs)
 
 
+def check_name(key: str, source: str | Path | None = None) -> None:
+    """Raises MclError, naming the nearest one, if there is no parameter of that name; ``source``: where it stands."""
+    if key not in Config.model_fields:
+        ours = nav2_params.RENAMED.get(key, (key,))[0]
+        near = difflib.get_close_matches(ours, Config.model_fields, n=1)
+        raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+
+
 def dump_config(config: Config) -> str:
     """The configuration as YAML that ``load_config`` reads back."""
     from ruamel.yaml import YAML
@@ -247,12 +255,7 @@ def _yaml_value(text: str, where: str) -> Any:
 def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None], theirs: Mapping[str, str]) -> Config:
     """``file_of``: where a value stands, and ``theirs``: what it is called there, if that is another name."""
     for key in values:
-        if key not in Config.model_fields:
-            ours = nav2_params.RENAMED.get(key, (key,))[0]
-            near = difflib.get_close_matches(ours, Config.model_fields, n=1)
-            raise MclError(
-                f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=file_of.get(key)
-            )
+        check_name(key, file_of.get(key))
     try:
         return Config.model_validate(values)
     except ValidationError as error:

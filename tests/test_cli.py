@@ -78,6 +78,12 @@ def test_config_explains_every_parameter(typed):
         assert lines[lines.index(line) - 1].startswith("# ")
 
 
+def test_config_shows_a_parameter_alone(typed):
+    explained, value = typed("config", "sigma_hit", "--set", "sigma_hit=0.25").stdout.splitlines()
+    assert explained.startswith("# ")
+    assert value == "sigma_hit: 0.25"
+
+
 def test_config_lists_the_presets(typed):
     lines = typed("config", "--list").stdout.splitlines()
     assert [line.split()[0] for line in lines] == preset_names()

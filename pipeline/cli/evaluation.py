@@ -68,7 +68,10 @@ def evaluate(
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; as many as cores if not given.")] = None,
     kidnapped_at: Annotated[
         list[float] | None,
-        typer.Option(metavar="SECONDS", help="The robot was carried off then; the log's own note if not given."),
+        typer.Option(
+            metavar="SECONDS",
+            help="When the robot, carried off, measures again: seconds since the first scan; else the log's own note.",
+        ),
     ] = None,
     reference_frame: Annotated[
         ReferenceFrame, typer.Option(help="Whether the references say where the robot's centre was, or its laser.")

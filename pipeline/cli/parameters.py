@@ -104,7 +104,9 @@ def _note_once(text: str) -> None:
 
 
 def config(
-    source: Annotated[str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, or a YAML file.")] = None,
+    source: Annotated[
+        str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, a YAML file, or a parameter to show alone.")
+    ] = None,
     settings: SetOption = None,
     presets: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
 ) -> None:
@@ -116,9 +118,13 @@ def config(
         for name in preset_names():
             console.result(f"{name:<{width}}  {preset_description(name)}".rstrip())
         return
+    only = source if source in Config.model_fields else None
     lines = []
-    for line in dump_config(load_config(source, settings or (), remark=_note_once)).splitlines():
-        field = Config.model_fields.get(line.partition(":")[0])
+    for line in dump_config(load_config(None if only else source, settings or (), remark=_note_once)).splitlines():
+        key = line.partition(":")[0]
+        field = Config.model_fields.get(key)
+        if only not in (None, key):
+            continue
         if field is not None and field.description:
             lines.append(f"\n# {field.description}")
         lines.append(line)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pipeline.config import Config
+from pipeline.config import Config, check_name
 from pipeline.errors import MclError
 from pipeline.evaluate.report import COLUMNS, RECOVERY_COLUMNS, Evaluation, Row, compare_table, recovery_table
 
@@ -72,12 +72,14 @@ def variants(
     """The parameters named by texts KEY=V1,V2[,...], and every combination of their values.
 
     ``configure``: the configuration that ``key=value`` texts lead to. Commas within brackets part no values. Raises
-    MclError for a text of another form, and where two values come to the same.
+    MclError for a text of another form, an unknown parameter, and where two values come to the same.
     """
     keys, choices = [], []
     for text in typed:
         key, sep, values = text.partition("=")
         parts = [part.strip() for part in re.split(r",(?![^\[]*\])", values)]
+        if sep and key.strip():
+            check_name(key.strip())
         if not sep or not key.strip() or len(parts) < 2 or not all(parts):
             raise MclError(f"--vary {text!r}: expected KEY=V1,V2, with two values or more")
         keys.append(key.strip())

@@ -57,6 +57,7 @@ def test_nothing_varied_is_a_single_nameless_variant() -> None:
         ("max_beams=10,,20", "two values or more"),
         ("max_beams=10,20,", "two values or more"),
         ("=1,2", "expected KEY=V1,V2"),
+        ("laser_model_typ=beam", "did you mean 'laser_model_type'"),
         ("max_beam=1,2", "unknown parameter 'max_beam'"),
         ("max_beams=1,many", "max_beams: .*many"),
         ("z_hit=1,1.0", "'1' and '1.0' come to the same"),
