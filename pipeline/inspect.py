@@ -206,7 +206,7 @@ def inspect_file(path: Path, file: RrdFile) -> Inspection:
     tables = _tables(file)
     run = _properties(tables, entities.PROPERTY_RUN)
     if file.application_id == entities.SEVERAL_ID:
-        raise SeveralRunsError("this recording shows several runs side by side", "read one of these runs", path=path)
+        raise SeveralRunsError("this recording shows several runs side by side", "name the runs themselves", path=path)
     if file.application_id != entities.APPLICATION_ID or not run:
         raise MclError(
             "this recording was not written by `mcl`", f"its application is {file.application_id!r}", path=path
