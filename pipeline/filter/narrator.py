@@ -88,4 +88,5 @@ class Narrator:
         if pace == self._pace:
             return []
         self._pace = pace
-        return [Event("resampled", f"Resamples {pace}: at {100 * share:.0f} % of the last {RESAMPLE_WINDOW} updates.")]
+        often = f"at {100 * share:.0f} % of the last {RESAMPLE_WINDOW} updates"
+        return [Event("resampled", f"Resamples {pace} at {step.time:.1f} s: {often}.")]

@@ -82,6 +82,7 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
     events = rrb.TextLogView(
         origin=entities.EVENTS,
         name="Events",
+        # The sentences say when: rerun makes a column as wide as its title, which is too narrow for times.
         columns=rrb.TextLogColumns(timeline_columns=[entities.TIME], text_log_columns=["loglevel", "body"]),
     )
     tabs = rrb.Tabs(*map_views(known_area(grid)), *documents, active_tab=tab)
