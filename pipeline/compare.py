@@ -181,17 +181,13 @@ def differing(runs: Sequence[Run]) -> dict[str, tuple[Any, ...]]:
     return {name: found for name, found in values.items() if any(value != found[0] for value in found)}
 
 
-def table(runs: Sequence[Run], names: Sequence[str]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and a row of texts for every run: its name, log and seed, the parameters that differ, and figures."""
-    config = differing(runs)
+def table(runs: Sequence[Run]) -> dict[str, tuple[str, ...]]:
+    """A text for every run by what it tells: log and seed, the parameters that differ, and figures known of any."""
     told = [figures(run) for run in runs]
-    shown = [(label, show) for label, show in FIGURES if any(show(one) != "-" for one in told)]
-    headings = ("run", "log", "seed", *config, *(label for label, _ in shown))
-    rows = [
-        (name, one.log, str(one.seed), *(_shown(values[k]) for values in config.values()), *(s(one) for _, s in shown))
-        for k, (name, one) in enumerate(zip(names, told, strict=True))
-    ]
-    return headings, rows
+    rows = {"log": tuple(one.log for one in told), "seed": tuple(str(one.seed) for one in told)}
+    rows |= {name: tuple(map(_shown, values)) for name, values in differing(runs).items()}
+    shown = {label: tuple(show(one) for one in told) for label, show in FIGURES}
+    return rows | {label: texts for label, texts in shown.items() if set(texts) != {"-"}}
 
 
 def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:

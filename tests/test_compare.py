@@ -105,12 +105,12 @@ def test_logs_without_a_common_stamp_can_be_compared(runs):
     json.dumps(found.to_dict())
 
 
-def test_a_table_has_a_row_per_run_and_what_differs(runs):
-    headings, rows = table(runs, ["a", "b", "c"])
-    assert headings[:3] == ("run", "log", "seed")
-    assert {"sigma_hit", "max_particles", "error", "converged"} <= set(headings)
-    assert [row[headings.index("sigma_hit")] for row in rows] == ["0.1", "0.3", f"{Config().sigma_hit:g}"]
-    assert rows[2][headings.index("error")] == "-"
+def test_a_table_tells_of_every_run_what_differs_and_what_came_out(runs):
+    told = table(runs)
+    assert list(told)[:2] == ["log", "seed"]
+    assert {"sigma_hit", "max_particles", "error", "converged"} <= set(told)
+    assert told["sigma_hit"] == ("0.1", "0.3", f"{Config().sigma_hit:g}")
+    assert told["error"][2] == "-"
 
 
 def test_one_recording_shows_both(runs, tmp_path):
@@ -160,6 +160,8 @@ def test_compare_as_it_is_typed(typed, paths, tmp_path):
     assert "/apart/distance" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}
     again = typed("compare", paths[0], paths[1], "-o", tmp_path / "both.rrd")
     assert (again.exit_code, "exists already" in again.stderr) == (1, True)
+    (tmp_path / "cut.rrd").write_bytes(paths[0].read_bytes()[:-40_000])
+    assert "cut.rrd: cut short" in typed("compare", tmp_path / "cut.rrd", paths[1]).stderr
     told = json.loads(typed("compare", paths[0], paths[2], "--json").stdout)
     assert (told["common_scans"], told["same_log"]) == (0, False)
 
@@ -176,7 +178,23 @@ def test_a_recording_of_both_is_not_one_run(typed, runs, tmp_path):
 def test_inspect_of_several_runs_is_a_table(typed, paths):
     done = typed("inspect", *paths)
     assert done.exit_code == 0
-    assert [line.split()[0] for line in done.stdout.splitlines()[2:]] == [str(path) for path in paths]
+    lines = done.stdout.splitlines()
+    assert [line.split() for line in lines[1:4]] == [
+        [letter, str(path)] for letter, path in zip("ABC", paths, strict=True)
+    ]
+    assert lines[5].split() == ["A", "B", "C"]
+    assert ["seed", "0", "4", "0"] in [line.split() for line in lines]
+    assert all(len(line) <= 80 for line in lines[4:])
     told = json.loads(typed("inspect", "--json", *paths).stdout)
     assert [row["config"]["sigma_hit"] for row in told] == [0.1, 0.3, Config().sigma_hit]
     assert typed("inspect", *paths, "--at", "3").exit_code == 2
+
+
+def test_of_many_runs_each_has_a_row_and_what_is_alike_is_told_once(typed, paths):
+    many = [*paths[:2]] * 4
+    lines = typed("inspect", *many).stdout.splitlines()
+    heading = next(line for line in lines if line.split()[:1] == ["run"])
+    assert [line.split()[0] for line in lines[lines.index(heading) + 1 :]] == [str(path) for path in many]
+    assert "sigma_hit" in heading
+    assert not {"log", "scans"} & set(heading.split())
+    assert ["scans", "150"] in [line.split() for line in lines[: lines.index(heading)]]

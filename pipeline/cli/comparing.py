@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +13,9 @@ from pipeline import console
 from pipeline.cli.lines import columns, look_at
 from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption
 from pipeline.errors import MclError
+
+if TYPE_CHECKING:
+    from pipeline.export.run import Run
 
 LISTED = 12
 """Stretches that are listed."""
@@ -33,6 +37,7 @@ def compare(
     from pipeline.export.run import read_run
 
     runs = (read_run(a), read_run(b))
+    note_damage(runs)
     found = compare_runs(*runs)
     if output is not None:
         record(runs, output, force=force)
@@ -59,6 +64,13 @@ def compare(
     if output is not None:
         console.note(look_at(output))
         (console.note if as_json else console.result)(str(output))
+
+
+def note_damage(runs: Iterable[Run]) -> None:
+    """A line for every recording that is not whole."""
+    for run in runs:
+        if run.told.damage:
+            console.note(f"note: {run.told.path}: {run.told.damage}")
 
 
 def view(
@@ -105,9 +117,7 @@ def _view_runs(runs: list[Path], connect: str | None) -> None:
     from pipeline.recording import viewer
 
     read = [read_run(run) for run in runs]
-    for run in read:
-        if run.told.damage:
-            console.note(f"note: {run.told.path}: {run.told.damage}")
+    note_damage(read)
     if connect is not None:
         send(read, connect)
         return

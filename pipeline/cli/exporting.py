@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline import console
+from pipeline.cli.comparing import note_damage
 from pipeline.cli.parameters import ForceOption
 from pipeline.outputs import check_folder
 
@@ -56,8 +57,7 @@ def export(
     for output in outputs or ():
         check(output, wishes, force=force)
     run = read_run(source)
-    if run.told.damage:
-        console.note(f"note: {run.told.path}: {run.told.damage}")
+    note_damage([run])
     for output in outputs or ():
         write(run, output, wishes, force=force, progress=console.progress)
         console.result(str(output))

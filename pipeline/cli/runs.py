@@ -7,11 +7,13 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from string import ascii_uppercase
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline import console
+from pipeline.cli.comparing import note_damage
 from pipeline.cli.lines import columns, facts, look_at, percent
 from pipeline.cli.parameters import (
     BaseFrameOption,
@@ -46,6 +48,9 @@ DOUBTFUL = 0.55
 Measured on four robots in 10 buildings: 0.65 to 0.91 on the right map, also where it lacks rooms or the robot drove
 among people, and 0.08 to 0.53 on the map of another building.
 """
+
+ABREAST = 5
+"""Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
 _NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "view", "connect", "mcap", "as_json")
@@ -119,7 +124,7 @@ def localize(
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     opened = open_log(log, map_path, names)
     viewer = _viewer_at(connect) if connect or view else None
-    folder, given = create(opened.name, output), _given(context)
+    given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer
     )
@@ -207,16 +212,14 @@ def inspect(
 
 
 def _table(paths: Sequence[Path], as_json: bool) -> None:
-    """Several runs, a row each: the parameters in which they differ, and what came out."""
+    """Several runs: the parameters in which they differ, and what came out."""
     from dataclasses import asdict
 
     from pipeline.compare import differing, figures, table
     from pipeline.export.run import read_run
 
     runs = [read_run(path) for path in paths]
-    for run in runs:
-        if run.told.damage:
-            console.note(f"note: {run.told.path}: {run.told.damage}")
+    note_damage(runs)
     if as_json:
         config = differing(runs)
         console.emit_json(
@@ -230,8 +233,16 @@ def _table(paths: Sequence[Path], as_json: bool) -> None:
             ]
         )
         return
-    headings, rows = table(runs, [str(path) for path in paths])
-    console.result(columns(f"{len(runs)} runs", rows, headings))
+    rows, names = table(runs), [str(path) for path in paths]
+    if len(runs) <= ABREAST:
+        letters = ascii_uppercase[: len(runs)]  # as the viewer calls them
+        console.result(columns(f"{len(runs)} runs", list(zip(letters, names, strict=True))))
+        console.result(columns("side by side", [(label, *texts) for label, texts in rows.items()], ("", *letters)))
+        return
+    alike = [label for label, texts in rows.items() if len(set(texts)) == 1]
+    if alike:
+        console.result(facts("alike in all", [(label, rows.pop(label)[0]) for label in alike]))
+    console.result(columns(f"{len(runs)} runs", list(zip(names, *rows.values(), strict=True)), ("run", *rows)))
 
 
 def _given(context: typer.Context) -> list[str]:
