@@ -175,6 +175,15 @@ def test_a_recording_of_both_is_not_one_run(typed, runs, tmp_path):
         assert "several runs side by side" in done.stderr
 
 
+def test_a_recording_of_both_is_viewed_as_it_is(typed, paths, runs, tmp_path, monkeypatch):
+    path, shown = tmp_path / "both.rrd", []
+    record(runs[:2], path)
+    monkeypatch.setattr("pipeline.recording.viewer.show", shown.append)
+    assert typed("view", path).exit_code == 0
+    assert shown == [path]
+    assert typed("view", path, paths[0]).exit_code == 1
+
+
 def test_inspect_of_several_runs_is_a_table(typed, paths):
     done = typed("inspect", *paths)
     assert done.exit_code == 0

@@ -114,9 +114,16 @@ def _view_log(path: Path, connect: str | None) -> None:
 def _view_runs(runs: list[Path], connect: str | None) -> None:
     from pipeline.compare import record, send
     from pipeline.export.run import read_run
+    from pipeline.inspect import SeveralRunsError
     from pipeline.recording import viewer
 
-    read = [read_run(run) for run in runs]
+    try:
+        read = [read_run(run) for run in runs]
+    except SeveralRunsError:
+        if len(runs) > 1 or connect is not None:
+            raise
+        viewer.show(runs[0])  # what `mcl compare -o` wrote, as it is
+        return
     note_damage(read)
     if connect is not None:
         send(read, connect)

@@ -14,9 +14,7 @@ from pipeline.export.pictures import moment, sheet
 from pipeline.export.run import Run, key_moments
 from pipeline.export.tables import TABLES, particles_table, scans_table, write_table
 from pipeline.logs.tum import write_tum
-from pipeline.outputs import check_output
-from pipeline.outputs import refuse_existing as refuse_existing  # pages are outputs too
-from pipeline.outputs import replacing as replacing
+from pipeline.outputs import check_output, replacing
 
 PICTURES = (".png", ".jpg")
 TRAJECTORY = ".tum"

@@ -16,9 +16,9 @@ from PIL import Image
 
 from pipeline.compare import FIGURES, figures
 from pipeline.errors import MclError
-from pipeline.export.files import refuse_existing, replacing
 from pipeline.export.pictures import thumbnail
 from pipeline.export.run import Run, read_run
+from pipeline.outputs import check_folder, check_output, replacing
 from pipeline.share import player
 
 INDEX = "index.html"
@@ -57,9 +57,7 @@ def check(output: Path, force: bool) -> None:
     """Raises MclError for what would be known only after a while."""
     if output.suffix.lower() not in (".html", ".htm"):
         raise MclError("a page's name ends in .html", path=output)
-    refuse_existing(output, force)
-    if not output.parent.is_dir():
-        raise MclError("the folder to write to does not exist", path=output.parent)
+    check_output(output, force)
 
 
 def share_folder(
@@ -72,8 +70,7 @@ def share_folder(
     """
     runs = [read_run(path) for path in paths]
     names = _names(runs)
-    for name in (*names, INDEX):
-        refuse_existing(folder / name, force)
+    check_folder(folder, (*names, INDEX), force)
     folder.mkdir(parents=True, exist_ok=True)
     for run, name in zip(runs, names, strict=True):
         _write(folder / name, _page(run, viewer))
