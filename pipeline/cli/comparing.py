@@ -11,7 +11,7 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns, look_at
-from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption
+from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption, open_log
 from pipeline.errors import MclError
 
 if TYPE_CHECKING:
@@ -77,6 +77,7 @@ def view(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd; or one log, an .mcap.")
     ],
+    map_path: MapOption = None,
     connect: ConnectOption = None,
 ) -> None:
     """Show runs, or a log, in rerun's viewer.
@@ -90,18 +91,19 @@ def view(
     log = next((path for path in runs if path.suffix == ".mcap"), None)
     if log is not None and len(runs) > 1:
         raise MclError("a log is viewed alone", "runs are viewed together: mcl localize makes one of a log", path=log)
+    if log is None and map_path is not None:
+        raise typer.BadParameter("--map gives a log its map; a run has had one")
     if log is not None:
-        _view_log(log, connect)
+        _view_log(log, map_path, connect)
     else:
         _view_runs(runs, connect)
 
 
-def _view_log(path: Path, connect: str | None) -> None:
-    from pipeline.logs.reader import read_log
+def _view_log(path: Path, map_path: Path | None, connect: str | None) -> None:
     from pipeline.recording import viewer
     from pipeline.recording.raw_log import send_raw_log, write_raw_log
 
-    log = read_log(path)
+    log = open_log(path, map_path)
     if connect is not None:
         send_raw_log(connect, log)
         return

@@ -8,11 +8,13 @@ import pytest
 from synthetic import drive
 from typer.testing import CliRunner
 
+from converters import convert
 from pipeline.cli import app
 from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.documents import log_explanation
 from pipeline.recording.raw_log import write_raw_log
 from pipeline.recording.rrd_file import read_rrd
+from pipeline.simulate import sample_dir
 
 
 @pytest.fixture
@@ -71,3 +73,15 @@ def test_a_log_is_viewed_alone(office, tmp_path, listening):
     both = CliRunner().invoke(app, ["view", str(office.path), str(office.path), "--connect", address])
     assert both.exit_code == 1
     assert "a log is viewed alone" in both.stderr
+
+
+def test_a_log_without_a_map_can_be_given_one(tmp_path, monkeypatch):
+    """A run has its own."""
+    sample, path, shown = sample_dir(), tmp_path / "office.mcap", []
+    convert([sample / "office.log.gz"], path)
+    monkeypatch.setattr("pipeline.recording.viewer.show", lambda file: shown.append(read_rrd(file)))
+    for words, drawn in (((), False), (("--map", str(sample / "office.dat.gz")), True)):
+        assert CliRunner().invoke(app, ["view", str(path), *words]).exit_code == 0
+        assert any(chunk.entity_path == "/world/map" for chunk in shown.pop().chunks) == drawn
+    refused = CliRunner().invoke(app, ["view", str(tmp_path), "--map", str(sample / "office.dat.gz")])
+    assert refused.exit_code == 2
