@@ -184,12 +184,13 @@ def test_it_opens_from_a_file_without_a_network(recorded, tmp_path):
 def test_the_latest_event_is_seen_and_the_colours_are_explained_without_scrolling(run, tmp_path):
     many = tuple(RecordedEvent(k, 0.2 * k, "searched", "INFO", f"Searched, number {k}") for k in range(0, 150, 5))
     page = player.page(replace(run, told=replace(run.told, events=many)))
-    look = """<script>setInterval(() => {
+    # No timer: the browser's clock would run ahead of the page, which unpacks its data meanwhile.
+    look = """<script>new MutationObserver(() => {
       if (!document.querySelector("[data-ready]") || !document.querySelector("ol .now")) return;
       const inside = (a, b) => a.top >= b.top - 1 && a.bottom <= b.bottom + 1;
       const box = query => document.querySelector(query).getBoundingClientRect();
       document.body.dataset.seen = [inside(box("ol .now"), box("ol")), inside(box("#layers"), box("aside")), scrollY];
-    }, 100)</script></body>"""
+    }).observe(document, {subtree: true, attributes: true, attributeFilter: ["data-ready", "class"]})</script></body>"""
     (tmp_path / "run.html").write_text(page.replace("</body>", look))
     shown = opened(tmp_path / "run.html", "#t=25", tmp_path / "profile", "--window-size=1400,900")
     assert 'data-seen="true,true,0"' in shown
