@@ -160,3 +160,13 @@ def pose(x: float, y: float, q: Quaternion) -> Any:
     return T["geometry_msgs/msg/Pose"](
         position=T["geometry_msgs/msg/Point"](x=x, y=y, z=0.0), orientation=quaternion(q)
     )
+
+
+def link(recording: Recording, stamp: int, parent: str, child: str, x: float, angle: float = 0.0) -> None:
+    """One transform on /tf."""
+    stamped = T["geometry_msgs/msg/TransformStamped"](
+        header=header(stamp, parent),
+        child_frame_id=child,
+        transform=T["geometry_msgs/msg/Transform"](translation=vector(x, 0.0, 0.0), rotation=quaternion(yaw(angle))),
+    )
+    recording.put("/tf", "tf2_msgs/msg/TFMessage", stamp, T["tf2_msgs/msg/TFMessage"](transforms=[stamped]))

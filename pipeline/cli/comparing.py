@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline import console
-from pipeline.cli.lines import columns, look_at
+from pipeline.cli.lines import columns, look_at, note_damage
 from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption, open_log
 from pipeline.errors import MclError
 
 if TYPE_CHECKING:
-    from pipeline.export.run import Run
+    pass
 
 LISTED = 12
 """Stretches that are listed."""
@@ -64,13 +63,6 @@ def compare(
     if output is not None:
         console.note(look_at(output))
         (console.note if as_json else console.result)(str(output))
-
-
-def note_damage(runs: Iterable[Run]) -> None:
-    """A line for every recording that is not whole."""
-    for run in runs:
-        if run.told.damage:
-            console.note(f"note: {run.told.path}: {run.told.damage}")
 
 
 def view(

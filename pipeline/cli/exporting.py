@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline import console
-from pipeline.cli.comparing import note_damage
+from pipeline.cli.lines import note_damage
 from pipeline.cli.parameters import ForceOption
 from pipeline.outputs import check_folder
 

@@ -5,8 +5,14 @@ from __future__ import annotations
 import shlex
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pipeline import console
+
+if TYPE_CHECKING:
+    from pipeline.export.run import Run
 
 
 def facts(title: str, rows: Sequence[tuple[str, str]]) -> str:
@@ -35,6 +41,13 @@ def percent(share: float) -> str:
 def look_at(recording: Path) -> str:
     """The line that opens a recording, to be pasted into a shell."""
     return f"look at it:  {shlex.join([_viewer(), str(recording)])}"
+
+
+def note_damage(runs: Iterable[Run]) -> None:
+    """A line for every recording that is not whole."""
+    for run in runs:
+        if run.told.damage:
+            console.note(f"note: {run.told.path}: {run.told.damage}")
 
 
 def _viewer() -> str:

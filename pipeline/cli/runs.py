@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
-from pipeline.cli.comparing import note_damage
-from pipeline.cli.lines import columns, facts, look_at, percent
+from pipeline.cli.lines import columns, facts, look_at, note_damage, percent
 from pipeline.cli.parameters import (
     BaseFrameOption,
     ConfigOption,

@@ -14,7 +14,7 @@ from pipeline.geometry import compose
 from pipeline.logs.reader import read_log
 from pipeline.logs.recorded import Names
 from pipeline.logs.transforms import to_quaternion
-from recordings import UPRIGHT, UPSIDE_DOWN, Recording, T, header, ordinary, quaternion, vector, yaw
+from recordings import UPRIGHT, UPSIDE_DOWN, Recording, link, ordinary, yaw
 
 SECOND = 1_000_000_000
 
@@ -22,16 +22,6 @@ SECOND = 1_000_000_000
 def without(recording: Recording, kind: str) -> Recording:
     recording.entries = [entry for entry in recording.entries if kind not in entry[1]]
     return recording
-
-
-def link(recording: Recording, stamp: int, parent: str, child: str, x: float, angle: float = 0.0) -> None:
-    """One transform on /tf."""
-    stamped = T["geometry_msgs/msg/TransformStamped"](
-        header=header(stamp, parent),
-        child_frame_id=child,
-        transform=T["geometry_msgs/msg/Transform"](translation=vector(x, 0.0, 0.0), rotation=quaternion(yaw(angle))),
-    )
-    recording.put("/tf", "tf2_msgs/msg/TFMessage", stamp, T["tf2_msgs/msg/TFMessage"](transforms=[stamped]))
 
 
 def driven_on_tf(odom: str = "odom") -> Recording:

@@ -26,7 +26,7 @@ from pipeline.logs.tum import write_tum
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording.run_folder import create
 from pipeline.replay import replay
-from recordings import UPRIGHT, Recording, T, header, ordinary, pose, quaternion, vector, yaw
+from recordings import UPRIGHT, Recording, T, header, link, ordinary, pose
 
 QUICK = Config(max_particles=300, min_particles=300, init="free_space", recovery="none", record_particles=40)
 SECOND = 1_000_000_000
@@ -56,8 +56,8 @@ def stamp(message: Any) -> int:
 def transforms(found: dict[str, list[tuple[int, Any]]], topic: str = "/tf") -> dict[tuple[str, str], list[Any]]:
     links: dict[tuple[str, str], list[Any]] = {}
     for _, message in found.get(topic, []):
-        for link in message.transforms:
-            links.setdefault((link.header.frame_id, link.child_frame_id), []).append(link)
+        for sent in message.transforms:
+            links.setdefault((sent.header.frame_id, sent.child_frame_id), []).append(sent)
     return links
 
 
@@ -219,15 +219,6 @@ def test_a_covariance_stands_where_ros_has_it(tmp_path: Path) -> None:
 def test_a_cloud_of_nothing_is_no_error(tmp_path: Path) -> None:
     _, _, found = written(ordinary(), tmp_path)
     assert all(len(message.particles) == 0 for _, message in found["/particle_cloud"])
-
-
-def link(recording: Recording, at: int, parent: str, child: str, x: float, angle: float = 0.0) -> None:
-    stamped = T["geometry_msgs/msg/TransformStamped"](
-        header=header(at, parent),
-        child_frame_id=child,
-        transform=T["geometry_msgs/msg/Transform"](translation=vector(x, 0.0, 0.0), rotation=quaternion(yaw(angle))),
-    )
-    recording.put("/tf", "tf2_msgs/msg/TFMessage", at, T["tf2_msgs/msg/TFMessage"](transforms=[stamped]))
 
 
 def with_a_localization_of_its_own() -> Recording:
