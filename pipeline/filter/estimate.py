@@ -23,10 +23,9 @@ class Clusters:
         self._origin = np.array(grid.origin, np.float64)
         self._bins = 0
         self._table = np.empty((1024, 2), np.int64)  # grows as need be
-        whole, real = np.int32, np.float64
-        self._bin_of, self._keys = np.empty(max_particles, whole), np.empty(max_particles, np.int64)
-        self._heavy, self._parent, self._row_of_bin = (np.empty(max_particles, whole) for _ in range(3))
-        self._bin_weights, self._share = np.empty(max_particles, real), np.empty(max_particles, real)
+        self._bin_of, self._keys = np.empty(max_particles, np.int32), np.empty(max_particles, np.int64)
+        self._heavy, self._parent, self._row_of_bin = (np.empty(max_particles, np.int32) for _ in range(3))
+        self._bin_weights, self._share = np.empty(max_particles), np.empty(max_particles)
 
     @property
     def bin_weights(self) -> NDArray[np.float64]:
@@ -53,17 +52,10 @@ class Clusters:
         return tuple(map(Estimate, means[:k], covariances[:k], shares[:k].tolist()))
 
 
-def _turned(grid: OccupancyGrid, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariances (..., 3, 3) of the grid frame in the map frame."""
-    if grid.origin[2] == 0.0:
-        return covariance
-    cos, sin = np.cos(grid.origin[2]), np.sin(grid.origin[2])
-    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(turn @ covariance @ turn.T, np.float64)
-
-
 def map_estimate(
     grid: OccupancyGrid, pose: NDArray[np.float64], covariance: NDArray[np.float64], weight: float
 ) -> Estimate:
     """An estimate in the map frame from a pose (3,) and its covariance (3, 3) in the grid frame."""
-    return Estimate(grid.to_map(pose), _turned(grid, covariance), weight)
+    cos, sin = np.cos(grid.origin[2]), np.sin(grid.origin[2])
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return Estimate(grid.to_map(pose), turn @ covariance @ turn.T, weight)
