@@ -19,6 +19,8 @@ class Laser:
 
     ``pose``: the laser in base_link (m, m, rad). A laser mounted upside down is stored the right
     way up: the reader turns the order of its ranges round. Ranges in metres, angles in radians.
+    ``time_increment``: seconds from beam k to beam k + 1, negative where the reader turned the order round; the stamp
+    of a scan is that of the beam measured first. 0 where the log does not say: then all beams are of the stamp.
     """
 
     pose: Pose
@@ -27,6 +29,7 @@ class Laser:
     beams: int
     range_min: float
     range_max: float
+    time_increment: float = 0.0
 
     @property
     def angles(self) -> NDArray[np.float64]:
@@ -43,7 +46,9 @@ class Scan:
     """One sweep of the laser, with the odometry at its stamp.
 
     ``stamp``: integer nanoseconds; ``time``: seconds since the log's first scan; ``odometry``: pose of
-    base_link in the odom frame; ``ranges``: (beams,) float32 metres, NaN = invalid, inf = no return.
+    base_link in the odom frame, zeros if the log has none; ``ranges``: (beams,) float32 metres, NaN = invalid, inf =
+    no return. ``sweep``: how the odometry moved (m, m, rad, robot's frame) from the first beam to the last; ``turn``:
+    heading by the gyroscope, rad, from any zero. Both None where the log does not know.
     """
 
     index: int
@@ -51,6 +56,8 @@ class Scan:
     time: float
     odometry: NDArray[np.float64]
     ranges: NDArray[np.float32]
+    sweep: NDArray[np.float64] | None = None
+    turn: float | None = None
 
 
 @dataclass(frozen=True)
@@ -66,8 +73,10 @@ class Trajectory:
 class Log:
     """A whole recording in columns: n scans of one laser, odometry at their stamps, and what else the file knew.
 
-    ``stamps`` (n,) int64 ns, never decreasing; ``odometry`` (n, 3) float64, base_link in odom;
-    ``ranges`` (n, beams) float32 m, NaN = invalid, inf = no return (REP 117, made uniform by the reader).
+    ``stamps`` (n,) int64 ns, never decreasing; ``odometry`` (n, 3) float64, base_link in odom, zeros if the log has
+    no ``wheels``, that is, no odometry; ``ranges`` (n, beams) float32 m, NaN = invalid, inf = no return (REP 117,
+    made uniform by the reader). ``sweeps`` (n, 3): how the odometry moved (m, m, rad, robot's frame) while each scan
+    was measured; ``turns`` (n,): heading by the gyroscope of an IMU, rad, from any zero. Both None where unknown.
     """
 
     name: str
@@ -80,6 +89,9 @@ class Log:
     grid: OccupancyGrid | None = None
     ground_truth: Trajectory | None = None
     metadata: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    wheels: bool = True
+    sweeps: NDArray[np.float64] | None = None
+    turns: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -104,4 +116,6 @@ class Log:
         """The scans in the order of their stamps."""
         times = self.times
         for i in range(len(self)):
-            yield Scan(i, int(self.stamps[i]), float(times[i]), self.odometry[i], self.ranges[i])
+            sweep = None if self.sweeps is None else self.sweeps[i]
+            turn = None if self.turns is None else float(self.turns[i])
+            yield Scan(i, int(self.stamps[i]), float(times[i]), self.odometry[i], self.ranges[i], sweep, turn)
