@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pipeline.errors import MclError
 from pipeline.simulate.building import Building, load_building
-from pipeline.simulate.files import Format, SimulationReport, simulate
+from pipeline.simulate.files import Format, SimulationReport, chosen_format, output_names, simulate
 from pipeline.simulate.simulation import Simulated, simulate_log
 
 __all__ = [
@@ -15,7 +15,9 @@ __all__ = [
     "Format",
     "Simulated",
     "SimulationReport",
+    "chosen_format",
     "load_building",
+    "output_names",
     "sample_dir",
     "simulate",
     "simulate_log",

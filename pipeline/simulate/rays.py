@@ -46,7 +46,7 @@ def disc_hits(origin: Array, directions: Array, discs: Array) -> Array:
     inside a disc leaves it unseen.
     """
     to_centre = discs[..., :2] - np.atleast_2d(origin)[:, None, :]
-    along = np.sum(to_centre * directions[:, None, :], axis=-1)
+    along = to_centre[..., 0] * directions[:, None, 0] + to_centre[..., 1] * directions[:, None, 1]
     off = _cross(directions[:, None, :], to_centre)
     half_chord = np.sqrt(np.maximum(discs[..., 2] ** 2 - off**2, 0.0))
     distance = along - half_chord
