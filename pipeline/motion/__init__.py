@@ -1,0 +1,1 @@
+"""How the robot moved, and what that does to what it measured meanwhile."""
