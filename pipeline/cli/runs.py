@@ -346,11 +346,22 @@ def _as_read(log: Log) -> list[tuple[str, str]]:
     left_out, resampled = int(told.get("scans_outside_odometry", 0)), int(told.get("scans_resampled", 0))
     rows = []
     if schema.SOURCE not in log.metadata and told:
-        rows.append(("read from", f"{told['scan_topic']}, {told['odometry_topic']}; {told['frames']}"))
+        topics = [told[key] for key in ("scan_topic", "odometry_topic", "imu_topic") if told.get(key)]
+        frames = told["frames"] if log.wheels else told["frames"].partition(" -> ")[2]
+        rows.append(("read from", f"{', '.join(topics)}; {frames}"))
+    if not log.wheels:
+        at_centre = f"; the laser is taken to be at its centre: {why}" if (why := told.get("laser_at_centre")) else ""
+        rows.append(("odometry", f"none: only the scans tell how the robot moved{at_centre}"))
     if left_out:
         rows.append(("left out", f"{left_out:,} of the scans: before the odometry begins or after it ends"))
     if resampled:
         rows.append(("resampled", f"{resampled:,} of the scans: their beams differ from the others'"))
+    if wrong := told.get("beam_times_unused"):
+        rows.append(("beam times", f"not used: {wrong}"))
+    if wrong := told.get("imu_unused"):
+        rows.append(("gyroscope", f"not used: {wrong}"))
+    elif left_out := int(told.get("imu_left_out", 0)):
+        rows.append(("gyroscope", f"{left_out:,} of its messages left out: no turn rates"))
     return rows
 
 
