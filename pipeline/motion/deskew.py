@@ -18,10 +18,11 @@ def deskew(ranges: NDArray[np.float32], laser: Laser, sweep: NDArray[np.float64]
     m, rad in its own frame, at constant velocity, from the first-measured beam to the last. Returns (beams,) float32
     m: each beam's end is carried into the frame of the stamp, and a regular beam lies between the two neighbours
     there: on the line between them where both are on one surface, else as far as the nearer of them; NaN where nothing
-    was measured. A robot that stood still, or a laser whose beams are all of the stamp, gives ``ranges`` itself.
+    was measured. A robot that stood still, a sweep that nobody knows (NaN), or a laser whose beams are all of the
+    stamp, gives ``ranges`` itself.
     """
     x, y, turn = (float(value) for value in sweep)
-    if laser.beams < 2 or laser.time_increment == 0.0 or x == y == turn == 0.0:
+    if laser.beams < 2 or laser.time_increment == 0.0 or x == y == turn == 0.0 or not math.isfinite(x + y + turn):
         return ranges
     # The laser's own motion: the robot's, seen from the laser.
     at_x, at_y, yaw = laser.pose

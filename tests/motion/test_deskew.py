@@ -71,7 +71,8 @@ def test_a_few_millimetres_of_noise_stay_a_few_millimetres() -> None:
 
 
 @pytest.mark.parametrize(
-    ("time_increment", "sweep"), [(0.001, [0.0, 0.0, 0.0]), (-0.001, [0.0, 0.0, 0.0]), (0.0, [0.3, 0.1, 0.2])]
+    ("time_increment", "sweep"),
+    [(0.001, [0.0] * 3), (-0.001, [0.0] * 3), (0.0, [0.3, 0.1, 0.2]), (0.001, [math.nan, 0.0, 0.1])],
 )
 def test_who_stands_still_sees_what_was_measured_to_the_byte(time_increment: float, sweep: list[float]) -> None:
     sensor = laser(time_increment=time_increment)
