@@ -36,6 +36,7 @@ def convert(
     ground_truth: Path | None = None,
     join: bool = False,
     names: Names | None = None,
+    without_odometry: bool = False,
 ) -> ConversionReport:
     """Converts one raw log (or several, one after the other, with ``join``) and its map into ``output``.
 
@@ -44,8 +45,9 @@ def convert(
     turn. That is a kidnapping; merely deleting lines is not, for the odometry after the gap would tell
     the filter how far the robot went. ``join`` treats the joint between two logs the same way, 1 s apart: the
     robot was switched off, carried, and switched on. ``ground_truth``: a TUM file of base_link in the map, its
-    stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag. Raises MclError for input of
-    no known format and for whatever is wrong in it.
+    stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag. ``without_odometry``: leave
+    out what the wheels said, as if nobody had recorded it; the scans keep their stamps, the laser its place on the
+    robot. Raises MclError for input of no known format and for whatever is wrong in it.
     """
     sources = [Path(source) for source in sources]
     if not sources:
@@ -57,6 +59,7 @@ def convert(
         if kind is not kinds[0]:
             raise MclError(f"a {kind.DESCRIPTION} cannot be joined to a {kinds[0].DESCRIPTION}", path=source)
     options: dict[str, Any] = {"map_path": map_path, "drop": drop, "ground_truth": ground_truth}
+    options["without_odometry"] = without_odometry
     if names is not None and names != Names():
         if kinds[0].FORMAT != "rosbag":
             raise MclError(f"a {kinds[0].DESCRIPTION} has no topics and frames to choose", path=sources[0])

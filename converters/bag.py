@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from converters.bag_file import BagFile, is_bag
 from converters.bag_truth import read_truth
 from converters.map_files import read_map
-from converters.report import ConversionReport
+from converters.report import LEFT_OUT, ConversionReport
 from converters.segments import Segment, continue_odometry, move, to_metadata
 from converters.text import sha256
 from pipeline import __version__
 from pipeline.errors import MclError
 from pipeline.logs import schema
 from pipeline.logs.collect import Drive, collect, find, mark_no_return
-from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.decode import decode_grid
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
@@ -58,6 +58,7 @@ def convert(
     drop: Sequence[tuple[float, float]] = (),
     ground_truth: Path | None = None,
     names: Names | None = None,
+    without_odometry: bool = False,
 ) -> ConversionReport:
     """Writes ``output`` from one bag; see ``converters.convert``. ``drop`` counts from the first scan or odometry.
 
@@ -75,7 +76,8 @@ def convert(
             truth = read_truth(recorded, str(ground_truth), drive) if by_topic else _truth_file(ground_truth, recorded)
         grid, map_record = _map(recorded, map_path)
     scans, odometry, segments, kidnapped = _arrange(drive, drop, source)
-    dropped = len(drive.scans) + len(drive.odometry) - len(scans) - len(odometry)
+    lines = len(drive.scans) + (0 if drive.odometry is None else len(drive.odometry))
+    dropped = lines - len(scans) - (0 if odometry is None else len(odometry))
     record = {
         "format": FORMAT,
         "converter": f"mcl-replay {__version__}",
@@ -86,20 +88,34 @@ def convert(
         "dropped_messages": str(dropped),
         "dropped_intervals_s": json.dumps([list(interval) for interval in drop]),
     }
+    if without_odometry and odometry is not None:
+        record["odometry"], odometry = LEFT_OUT, None
     if ground_truth is not None:
         record["ground_truth_from"] = ground_truth.name if ground_truth.exists() else str(ground_truth)
     if kidnapped:
         record["kidnapped_at"] = json.dumps(kidnapped)
-    metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
+    metadata = {schema.SOURCE: record}
+    if segments:
+        metadata[schema.SEGMENTS] = to_metadata(segments)
     if map_record:
         metadata[schema.MAP_SOURCE] = map_record
-    write_log(output, scans, odometry, drive.laser_in_base, grid=grid, ground_truth=truth, metadata=metadata)
-    ends = np.concatenate([scans.stamps, odometry.stamps])
+    gyroscope = _gyroscope(drive, drop)
+    write_log(
+        output,
+        scans,
+        odometry,
+        drive.laser_in_base,
+        grid=grid,
+        ground_truth=truth,
+        gyroscope=gyroscope,
+        metadata=metadata,
+    )
+    ends = scans.stamps if odometry is None else np.concatenate([scans.stamps, odometry.stamps])
     return ConversionReport(
         format=FORMAT,
-        lines=len(drive.scans) + len(drive.odometry),
+        lines=lines,
         scans=len(scans),
-        odometry=len(odometry),
+        odometry=0 if odometry is None else len(odometry),
         dropped=dropped,
         duration=float(ends.max() - ends.min()) / 1e9,
         output=output,
@@ -134,21 +150,26 @@ def _truth_file(path: Path, recorded: BagFile | McapFile) -> Trajectory:
 
 def _arrange(
     drive: Drive, drop: Sequence[tuple[float, float]], source: Path
-) -> tuple[ScanColumns, PoseColumns, list[Segment], list[float]]:
+) -> tuple[ScanColumns, PoseColumns | None, list[Segment], list[float]]:
     """Scans and odometry in the order of their stamps under the contract's names, without what is to be dropped.
 
     Also the stretches that are left, and when (seconds since the first scan) all but the first of them begin.
     """
     scans = replace(mark_no_return(drive.scans), frame=schema.LASER_FRAME, resampled=0)
-    odometry = replace(drive.odometry, frame=schema.ODOM_FRAME, child_frame=schema.BASE_FRAME)
     scans = _scans_at(scans, np.argsort(scans.stamps, kind="stable"))
+    start = _start(drive)
+    kept_scans = np.flatnonzero(_kept(scans.stamps - start, drop))
+    if drive.odometry is None:
+        _check_left(kept_scans, source)
+        scans = _scans_at(scans, kept_scans)
+        resumed = np.flatnonzero(np.diff(kept_scans) > 1) + 1
+        return scans, None, [], ((scans.stamps[resumed] - scans.stamps[0]) / 1e9).tolist()
+    odometry = replace(drive.odometry, frame=schema.ODOM_FRAME, child_frame=schema.BASE_FRAME)
     odometry = _poses_at(odometry, np.argsort(odometry.stamps, kind="stable"))
-    start = min(int(scans.stamps[0]), int(odometry.stamps[0]))
-    keep_scans, keep_poses = (_kept(stamps - start, drop) for stamps in (scans.stamps, odometry.stamps))
-    if not keep_scans.any() or not keep_poses.any():
-        raise MclError("nothing is left: every scan lies in what is to be dropped", path=source)
-    kept = np.flatnonzero(keep_poses)
-    scans, odometry = _scans_at(scans, np.flatnonzero(keep_scans)), _poses_at(odometry, kept)
+    kept = np.flatnonzero(_kept(odometry.stamps - start, drop))
+    _check_left(kept_scans, source)
+    _check_left(kept, source)
+    scans, odometry = _scans_at(scans, kept_scans), _poses_at(odometry, kept)
     starts = [0, *(np.flatnonzero(np.diff(kept) > 1) + 1).tolist()]
     planar = odometry.planar
     motions = continue_odometry(planar, starts)
@@ -161,6 +182,24 @@ def _arrange(
         odometry = planar_poses(odometry.stamps, odometry.sequences, moved, odometry.frame, odometry.child_frame)
     kidnapped = [float(odometry.stamps[s] - scans.stamps[0]) / 1e9 for s in starts[1:]]
     return scans, odometry, segments, kidnapped
+
+
+def _gyroscope(drive: Drive, drop: Sequence[tuple[float, float]]) -> GyroscopeColumns | None:
+    """Its rates without what is to be dropped, under the contract's name of the frame."""
+    if drive.gyroscope is None:
+        return None
+    keep = _kept(drive.gyroscope.stamps - _start(drive), drop)
+    return GyroscopeColumns(drive.gyroscope.stamps[keep], drive.gyroscope.rates[keep]) if keep.any() else None
+
+
+def _start(drive: Drive) -> int:
+    """The first stamp of scans and odometry, from which intervals to drop are counted."""
+    return int(min(columns.stamps.min() for columns in (drive.scans, drive.odometry) if columns is not None))
+
+
+def _check_left(kept: NDArray[np.int64], source: Path) -> None:
+    if len(kept) == 0:
+        raise MclError("nothing is left: every scan lies in what is to be dropped", path=source)
 
 
 def _kept(since: NDArray[np.int64], drop: Sequence[tuple[float, float]]) -> NDArray[np.bool_]:

@@ -23,7 +23,8 @@ AMCL_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 def read_truth(recorded: Recorded, topic: str, drive: Drive) -> Trajectory:
     """The robot's centre in the map, as a topic of poses says it, or the transforms from the map down.
 
-    The transforms say it at the stamps of the odometry, with the last map -> odom before. Raises MclError for a topic
+    The transforms say it at the stamps of the odometry, with the last map -> odom before; without odometry, map -> base
+    at its own. Raises MclError for a topic
     that has neither.
     """
     kind = recorded.topics[topic].type
@@ -46,13 +47,17 @@ def read_truth(recorded: Recorded, topic: str, drive: Drive) -> Trajectory:
 
 def _from_transforms(recorded: Recorded, drive: Drive) -> Trajectory:
     transforms = Transforms(recorded)
-    odom = drive.origin["frames"].split(" -> ")[0]
+    odom, base, _ = drive.origin["frames"].split(" -> ")
+    if drive.odometry is None:  # then what is above the robot's centre is the map
+        odom = base
     links = {**transforms.moving, **transforms.static}
     if odom not in links:
         raise MclError(f"no transform from a map to {odom!r}: {transforms.describe()}", path=recorded.path)
     link = links[odom]
     order = np.argsort(link.stamps, kind="stable")
     stamps, places = link.stamps[order], link.planar[order]
+    if drive.odometry is None:
+        return _trajectory(stamps, places, link.frame)
     last = np.searchsorted(stamps, drive.odometry.stamps, "right") - 1
     known = last >= 0
     poses = compose(places[last[known]], drive.odometry.planar[known])

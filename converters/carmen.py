@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from converters.carmen_text import CarmenLog, is_carmen_text, read_carmen
-from converters.report import ConversionReport
+from converters.report import LEFT_OUT, ConversionReport
 from converters.segments import Segment, continue_odometry, move, to_metadata
 from converters.text import sha256
 from pipeline import __version__
@@ -50,6 +50,7 @@ def convert(
     map_path: Path | None = None,
     drop: Sequence[tuple[float, float]] = (),
     ground_truth: Path | None = None,
+    without_odometry: bool = False,
 ) -> ConversionReport:
     """Writes ``output`` from one log; see ``converters.convert``. The first line that counts is the first scan.
 
@@ -82,6 +83,8 @@ def convert(
     if len(segments) > 1:
         starts = np.searchsorted(log.lines, [segment.first_sequence for segment in segments[1:]])
         record["kidnapped_at"] = json.dumps(((log.stamps[starts] - log.stamps[0]) / 1e9).tolist())
+    if without_odometry:
+        record["odometry_from"] = LEFT_OUT
     metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
     if raw.params:
         metadata[PARAMS] = raw.params
@@ -95,18 +98,18 @@ def convert(
     write_log(
         output,
         scans,
-        odometry,
+        None if without_odometry else odometry,
         laser_pose,
         grid=grid,
         ground_truth=read_tum(ground_truth) if ground_truth is not None else _truth(raw),
-        laser_poses=lasers,
+        laser_poses=None if without_odometry else lasers,
         metadata=metadata,
     )
     return ConversionReport(
         format=FORMAT,
         lines=sum(raw.counts.values()),
         scans=len(scans),
-        odometry=len(odometry),
+        odometry=0 if without_odometry else len(odometry),
         dropped=len(raw) - len(log),
         duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
         output=output,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from converters import beesoft
 from converters.cmu_text import BEAMS, MAX_RANGE_CM, MAX_STAMP, CmuLog, format_lines, is_log_text, parse_log_text
 from converters.map_files import HEAD, map_bytes, read_map
-from converters.report import ConversionReport
+from converters.report import LEFT_OUT, ConversionReport
 from converters.segments import Segment, continue_odometry, from_metadata, move, move_back, to_metadata
 from converters.text import read_bytes, sha256, write_text
 from pipeline import __version__
@@ -56,6 +56,7 @@ def convert(
     map_path: Path | None = None,
     drop: Sequence[tuple[float, float]] = (),
     ground_truth: Path | None = None,
+    without_odometry: bool = False,
 ) -> ConversionReport:
     """Writes ``output`` from one log, or from several one after the other; see ``converters.convert``."""
     texts = [read_bytes(source) for source in sources]
@@ -68,7 +69,7 @@ def convert(
     laser_pose, measured = _laser_pose(log)
     scans, odometry, lasers = _columns(log, segments)
     verbatim = _unfaithful_lines(_restore(scans, odometry, lasers, segments), segments, texts)
-    if verbatim:
+    if verbatim and not without_odometry:
         attachments[VERBATIM_LINES] = gzip.compress(json.dumps(verbatim).encode(), mtime=0)
     record = {
         "format": FORMAT,
@@ -88,17 +89,19 @@ def convert(
         record["odometry"] = "goes on from where it stood across every gap: see mcl:segments for the source's own"
         starts = np.searchsorted(log.lines, [segment.first_sequence for segment in segments[1:]])
         record["kidnapped_at"] = json.dumps(((log.stamps[starts] - log.stamps[log.is_scan][0]) / 1e9).tolist())
+    if without_odometry:
+        record["odometry"] = LEFT_OUT
     metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
     if map_record:
         metadata[schema.MAP_SOURCE] = map_record
     write_log(
         output,
         scans,
-        odometry,
+        None if without_odometry else odometry,
         laser_pose,
         grid=grid,
         ground_truth=truth,
-        laser_poses=lasers,
+        laser_poses=None if without_odometry else lasers,
         metadata=metadata,
         attachments=attachments,
     )
@@ -106,7 +109,7 @@ def convert(
         format=FORMAT,
         lines=total,
         scans=len(scans),
-        odometry=len(odometry),
+        odometry=0 if without_odometry else len(odometry),
         dropped=total - len(log),
         duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
         output=output,
@@ -126,6 +129,8 @@ def export_raw(mcap: Path, log_out: Path, map_out: Path | None = None) -> list[P
         metadata = file.metadata()
         if metadata.get(schema.SOURCE, {}).get("format") != FORMAT:
             raise MclError(f"not made from a {DESCRIPTION}: there is no raw log to give back", path=mcap)
+        if schema.ODOMETRY not in file.topics:
+            raise MclError("made without odometry: there is no raw log to give back", path=mcap)
         messages = file.messages([schema.SCAN, schema.ODOMETRY, schema.LASER_POSE])
         lines_kept, map_kept = file.attachment(VERBATIM_LINES), file.attachment(VERBATIM_MAP)
         cells = file.attachment(schema.MAP_CELLS)

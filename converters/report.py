@@ -5,10 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+LEFT_OUT = "left out on request"
+"""What the metadata say of odometry that the source had and the output has not."""
+
 
 @dataclass(frozen=True)
 class ConversionReport:
-    """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes."""
+    """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes.
+
+    ``odometry``: messages of it that were written, 0 where there is none.
+    """
 
     format: str
     lines: int

@@ -67,6 +67,7 @@ class Recording:
         topic: str = "/base/scan_front",
         sequence: int = 0,
         intensities: int = 0,
+        time_increment: float = 0.001,
     ) -> None:
         f = np.float32
         message = T["sensor_msgs/msg/LaserScan"](
@@ -74,7 +75,7 @@ class Recording:
             angle_min=f(first),
             angle_max=f(first + step * (len(ranges) - 1)),
             angle_increment=f(step),
-            time_increment=f(0.001),
+            time_increment=f(time_increment),
             scan_time=f(0.1),
             range_min=f(limits[0]),
             range_max=f(limits[1]),
@@ -82,6 +83,28 @@ class Recording:
             intensities=np.arange(intensities, dtype=np.float32),
         )
         self.put(topic, "sensor_msgs/msg/LaserScan", stamp, message, sequence)
+
+    def imu(
+        self,
+        stamp: int,
+        rates: tuple[float, float, float],
+        *,
+        frame: str = "imu_link",
+        topic: str = "/imu/data",
+        measured: bool = True,
+    ) -> None:
+        zero, nine = vector(0.0, 0.0, 0.0), np.zeros(9)
+        unknown = np.array([-1.0, *[0.0] * 8])
+        message = T["sensor_msgs/msg/Imu"](
+            header=header(stamp, frame),
+            orientation=quaternion(yaw(1.0)),
+            orientation_covariance=nine,
+            angular_velocity=vector(*rates),
+            angular_velocity_covariance=nine if measured else unknown,
+            linear_acceleration=zero,
+            linear_acceleration_covariance=unknown,
+        )
+        self.put(topic, "sensor_msgs/msg/Imu", stamp, message)
 
     def transforms(
         self, *links: tuple[str, str, tuple[float, float, float], Quaternion], topic: str = "/tf_static"

@@ -6,6 +6,7 @@ import itertools
 import math
 
 import numpy as np
+import scipy.linalg
 
 # --- random numbers --------------------------------------------------------------------------------------------------
 
@@ -340,3 +341,83 @@ def predecessor_densities(poses, at, moved, std, jump: float) -> np.ndarray:
         errors = (along - moved[0]) / std[0], (across - moved[1]) / std[1], turn / std[2]
         densities.append(math.exp(-sum(e * e for e in errors) / 2) + jump)
     return np.array(densities)
+
+
+# --- scans of a moving laser -----------------------------------------------------------------------------------------
+
+
+def drive(velocity, seconds: float) -> np.ndarray:
+    """Where constant velocity (m/s, m/s, rad/s, own frame) leads: the matrix exponential of the twist, 3x3."""
+    vx, vy, omega = velocity
+    return scipy.linalg.expm(seconds * np.array([[0.0, -omega, vx], [omega, 0.0, vy], [0.0, 0.0, 0.0]]))
+
+
+def velocity_of(motion) -> np.ndarray:
+    """The constant velocity that leads to a pose (m, m, rad) within a second."""
+    x, y, turn = motion
+    to_pose = np.column_stack([drive((1, 0, turn), 1.0)[:2, 2], drive((0, 1, turn), 1.0)[:2, 2]])
+    return np.array([*np.linalg.solve(to_pose, [x, y]), turn])
+
+
+def carried(ranges, angles, motion) -> list[tuple[float, float] | None]:
+    """Of beams in the order of measurement the direction, rad, and range now from the first one's place; None: NaN.
+
+    ``motion`` of the laser from the first beam to the last. Directions are those of the beams, turned by less than pi.
+    """
+    velocity, found = velocity_of(motion), []
+    for i, (z, angle) in enumerate(zip(ranges, angles, strict=True)):
+        share = i / (len(ranges) - 1)
+        turned = angle + share * motion[2]
+        if math.isnan(z):
+            found.append(None)
+        elif math.isinf(z):
+            found.append((turned, math.inf))
+        else:
+            x, y, _ = drive(velocity, share) @ [z * math.cos(angle), z * math.sin(angle), 1.0]
+            found.append((turned + math.remainder(math.atan2(y, x) - turned, 2 * math.pi), math.hypot(x, y)))
+    return found
+
+
+def deskewed(ranges, angles, motion, *, steepest: float, rough: float, widest: float, aside: float):
+    """Readings in the regular directions ``angles``, the order of measurement, and how near each is to being another.
+
+    Every pair of neighbours offers readings to the directions between them, and the shortest wins; whoever looks into
+    a direction a full turn later is asked only where nobody was before.
+    """
+    step = angles[1] - angles[0]
+    ends = carried(ranges, angles, motion)
+    seen = [i for i, end in enumerate(ends) if end is not None]
+    offers: list[list[list[float]]] = [[[], []] for _ in angles]
+    doubt = np.full(len(angles), math.inf)
+    pairs = list(itertools.pairwise([None, *seen, None])) if seen else []
+    for a, b in pairs:
+        start = ends[b][0] - step / 2 if a is None else ends[a][0]
+        stop = ends[a][0] + step / 2 if b is None else ends[b][0]
+        r0, r1 = ends[b if a is None else a][1], ends[a if b is None else b][1]
+        gap = 1 if a is None or b is None else b - a
+        flat = False
+        if a is not None and b is not None and math.isfinite(r0) and math.isfinite(r1):
+            limit = steepest * gap * abs(step) * min(ranges[a], ranges[b]) + rough
+            flat = abs(ranges[a] - ranges[b]) <= limit and (stop - start) / step * abs(step) < widest
+            if abs(abs(ranges[a] - ranges[b]) - limit) < 1e-5 or abs(abs(stop - start) - widest) < 1e-6:
+                doubt[:] = 0.0
+        reach = aside * abs(step) if gap == 1 else (stop - start) / step * abs(step) / (2 * gap)
+        for j, lap in itertools.product(range(len(angles)), (0, 1)):
+            direction = angles[j] + lap * 2 * math.pi * math.copysign(1.0, step)
+            back, on = (direction - start) / step * abs(step), (stop - direction) / step * abs(step)
+            doubt[j] = min(doubt[j], abs(back), abs(on), abs(back - on), abs(min(back, on) - reach))
+            if not (back >= 0 and on > 0):
+                continue
+            both_open = gap == 1 and a is not None and b is not None and math.isinf(r0) and math.isinf(r1)
+            if flat and (gap == 1 or min(back, on) <= reach):
+                offers[j][lap].append(_on_the_line(direction, (start, r0), (stop, r1)))
+            elif min(back, on) <= reach or both_open:
+                offers[j][lap].append(r0 if back <= on else r1)
+    readings = [min(now or again[:1], default=math.nan) for now, again in offers]
+    return np.array(readings), doubt
+
+
+def _on_the_line(direction: float, *polar: tuple[float, float]) -> float:
+    """How far the ray goes to the line through two points, by two linear equations."""
+    (x0, y0), (x1, y1) = ((r * math.cos(a), r * math.sin(a)) for a, r in polar)
+    return float(np.linalg.solve([[math.cos(direction), x0 - x1], [math.sin(direction), y0 - y1]], [x0, y0])[0])

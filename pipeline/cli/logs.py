@@ -79,6 +79,10 @@ def convert(
     base_frame: BaseFrameOption = None,
     odom_frame: OdomFrameOption = None,
     laser_frame: LaserFrameOption = None,
+    without_odometry: Annotated[
+        bool,
+        typer.Option("--without-odometry", help="Leave the odometry out, as if nobody had recorded any."),
+    ] = False,
     mode: Annotated[
         MapMode, typer.Option(help="How a map becomes a YAML: trinary by the thresholds, or keeping every per cent.")
     ] = MapMode.trinary,
@@ -89,7 +93,7 @@ def convert(
     With a name that ends in .yaml as the output, a map (or a recording's) becomes a map_server YAML with its image.
     """
     if output.suffix.lower() in YAML:
-        if len(logs) != 1 or map_path or drop or join or ground_truth:
+        if len(logs) != 1 or map_path or drop or join or ground_truth or without_odometry:
             raise typer.BadParameter("to write a map, give one map (or a recording that has one) and nothing else")
         _convert_map(logs[0], output, mode, force)
         return
@@ -104,13 +108,20 @@ def convert(
 
     names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     report = convert_logs(
-        logs, output, map_path=map_path, drop=intervals, ground_truth=ground_truth, join=join, names=names
+        logs,
+        output,
+        map_path=map_path,
+        drop=intervals,
+        ground_truth=ground_truth,
+        join=join,
+        names=names,
+        without_odometry=without_odometry,
     )
     rows = [
         ("format", report.format),
         (report.unit, f"{report.lines:,}"),
         ("scans", f"{report.scans:,}"),
-        ("odometry", f"{report.odometry:,}"),
+        ("odometry", f"{report.odometry:,}" if report.odometry else "none"),
         ("dropped", f"{report.dropped:,} {report.unit}"),
         ("duration", f"{report.duration:.1f} s"),
         ("size", f"{report.size / 1e6:.2f} MB"),

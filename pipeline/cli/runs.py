@@ -51,6 +51,9 @@ among people, and 0.08 to 0.53 on the map of another building.
 ABREAST = 5
 """Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
+_REMARKS = ("laser_at_centre", "imu_unused", "imu_left_out")
+"""What `mcl convert` says of a recording as the reader would, and what is still true of its log."""
+
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
 _NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "view", "connect", "mcap", "as_json")
 
@@ -342,15 +345,29 @@ def _as_read(log: Log) -> list[tuple[str, str]]:
     """What the reader chose in somebody else's recording, and what of any log it had to leave out or change."""
     from pipeline.logs import schema
 
-    told = log.metadata.get(schema.READER, {})
+    source, told = log.metadata.get(schema.SOURCE, {}), log.metadata.get(schema.READER, {})
+    remarks = {key: source[key] for key in _REMARKS if key in source} | dict(told)
     left_out, resampled = int(told.get("scans_outside_odometry", 0)), int(told.get("scans_resampled", 0))
     rows = []
-    if schema.SOURCE not in log.metadata and told:
-        rows.append(("read from", f"{told['scan_topic']}, {told['odometry_topic']}; {told['frames']}"))
+    if not source and told:
+        topics = [told[key] for key in ("scan_topic", "odometry_topic", "imu_topic") if told.get(key)]
+        frames = told["frames"] if log.wheels else told["frames"].partition(" -> ")[2]
+        rows.append(("read from", f"{', '.join(topics)}; {frames}"))
+    if not log.wheels:
+        at_centre = (
+            f"; the laser is taken to be at its centre: {why}" if (why := remarks.get("laser_at_centre")) else ""
+        )
+        rows.append(("odometry", f"none: only the scans tell how the robot moved{at_centre}"))
     if left_out:
         rows.append(("left out", f"{left_out:,} of the scans: before the odometry begins or after it ends"))
     if resampled:
         rows.append(("resampled", f"{resampled:,} of the scans: their beams differ from the others'"))
+    if wrong := told.get("beam_times_unused"):
+        rows.append(("beam times", f"not used: {wrong}"))
+    if wrong := remarks.get("imu_unused"):
+        rows.append(("gyroscope", f"not used: {wrong}"))
+    elif left_out := int(remarks.get("imu_left_out", 0)):
+        rows.append(("gyroscope", f"{left_out:,} of its messages left out: no turn rates"))
     return rows
 
 

@@ -18,6 +18,7 @@ from pipeline.logs.columns import PoseColumns, ScanColumns
 from pipeline.logs.recorded import Messages
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
+_NOT_MEASURED = -1.0  # the first of a covariance, by which an Imu message says that what it belongs to is empty
 _SCAN_CONSTANTS = ("angle_min", "angle_increment", "range_min", "range_max")
 
 
@@ -34,7 +35,9 @@ def decode_scans(messages: Messages, frame: str | None = None) -> ScanColumns:
     angle_min, increment, range_min, range_max = (float(rows[name][0]) for name in _SCAN_CONSTANTS)
     name = rows["frame_id"][0].decode() if "frame_id" in (rows.dtype.names or ()) else ""
     stamps = _stamped(cdr.stamps_of(rows), messages)
-    return ScanColumns(stamps, messages.sequences, ranges, angle_min, increment, range_min, range_max, name)
+    constants = (angle_min, increment, range_min, range_max)
+    pace = _pace(rows["time_increment"])
+    return ScanColumns(stamps, messages.sequences, ranges, *constants, frame=name, time_increment=pace)
 
 
 def decode_odometry(messages: Messages) -> PoseColumns:
@@ -44,6 +47,27 @@ def decode_odometry(messages: Messages) -> PoseColumns:
         return _poses(rows, messages)
     decoded = _deserialize(messages)
     return _poses_one_by_one([(m.header, m.pose.pose, m.child_frame_id) for m in decoded], messages)
+
+
+def decode_rates(messages: Messages) -> tuple[NDArray[np.int64], NDArray[np.float64], str]:
+    """Imu messages: stamps (n,) ns, angular velocities (n, 3) rad/s in the sensor's own frame, and that frame.
+
+    NaN where the message says that it does not know the velocity. Raises MclError if the topic mixes frames.
+    """
+    rows = cdr.unpack(messages.data, cdr.IMU)
+    if rows is not None:
+        frame = rows["frame_id"][0].decode() if "frame_id" in (rows.dtype.names or ()) else ""
+        rates = rows["angular_velocity"].astype(np.float64)
+        rates[rows["angular_velocity_covariance"][:, 0] == _NOT_MEASURED] = np.nan
+        return _stamped(cdr.stamps_of(rows), messages), rates, _frame(frame)
+    decoded = _deserialize(messages)
+    frames = sorted({m.header.frame_id for m in decoded})
+    if len(frames) > 1:
+        raise MclError(f"{messages.topic.name} mixes several sensors: {', '.join(frames)}")
+    stamps = np.array([_stamp(m.header) for m in decoded], dtype=np.int64)
+    rates = np.array([(m.angular_velocity.x, m.angular_velocity.y, m.angular_velocity.z) for m in decoded])
+    rates[[m.angular_velocity_covariance[0] == _NOT_MEASURED for m in decoded]] = np.nan
+    return _stamped(stamps, messages), rates, _frame(frames[0])
 
 
 def decode_poses(messages: Messages) -> PoseColumns:
@@ -157,9 +181,22 @@ def _scans_one_by_one(messages: Messages, frame: str | None) -> ScanColumns:
             inside = (nearest >= 0) & (nearest < len(own))
             row[inside] = own[nearest[inside]]
     constants = (float(angle_min), float(increment), float(range_min), float(range_max))
+    own_pace = [m.time_increment for m, own in zip(decoded, shapes, strict=True) if own == shape]
     return ScanColumns(
-        stamps, sequences, ranges, *constants, frame=decoded[0].header.frame_id, resampled=len(decoded) - common
+        stamps,
+        sequences,
+        ranges,
+        *constants,
+        frame=decoded[0].header.frame_id,
+        resampled=len(decoded) - common,
+        time_increment=_pace(np.array(own_pace, dtype=np.float32)),
     )
+
+
+def _pace(time_increments: NDArray[np.float32]) -> float:
+    """Seconds from beam to beam, the median over the scans; NaN if a scan says nothing that is a number."""
+    median = np.median(time_increments)
+    return float(str(np.float32(median)))  # 0.001, not the 0.0010000000475 that float32 makes of it
 
 
 def _stamped(stamps: NDArray[np.int64], messages: Messages) -> NDArray[np.int64]:

@@ -17,20 +17,25 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 
 GAP = 5.0  # metres between the map and the odometry
 RADIUS, HEADING, HEIGHT = 0.3, 1.0, 0.05  # of what stands for the robot, metres
+AROUND = 5.0  # metres that the scans of a robot without odometry are given on every side
 STRIDE = 0.5  # metres between the points of a path
 _FLOAT32 = 7  # as PointField calls it
 
 
 def display_messages(
-    odometry: PoseColumns, grid: OccupancyGrid | None, truth: PoseColumns | None, *, start: int, first_scan: int
+    odometry: PoseColumns | None, grid: OccupancyGrid | None, truth: PoseColumns | None, *, start: int, first_scan: int
 ) -> dict[str, Messages | None]:
     """Messages by topic: from ``start`` on, ns, where map and odometry are drawn; from ``first_scan`` on the robot and
-    its path, and both where they truly were."""
-    first = max(first_scan, int(odometry.stamps.min()))  # before it nothing is known of the robot, nor found out
-    found: dict[str, Messages | None] = {
-        schema.VIEW_ROBOT: _cloud(odometry.child_frame, _robot(), first),
-        schema.VIEW_PATH: _cloud(odometry.frame, _path(odometry), first),
-    }
+    its path, and both where they truly were. Without odometry, the robot itself is drawn beside the map."""
+    found: dict[str, Messages | None] = {}
+    if odometry is None:
+        mover, points = schema.BASE_FRAME, np.array([[-AROUND, -AROUND], [AROUND, AROUND]])
+        found[schema.VIEW_ROBOT] = _cloud(mover, _robot(), first_scan)
+    else:
+        mover, points = odometry.frame, odometry.positions[:, :2]
+        first = max(first_scan, int(odometry.stamps.min()))  # before it nothing is known of the robot, nor found out
+        found[schema.VIEW_ROBOT] = _cloud(odometry.child_frame, _robot(), first)
+        found[schema.VIEW_PATH] = _cloud(mover, _path(odometry), first)
     frames = {schema.MAP_FRAME} if grid is not None else set()
     corners = [] if grid is None else [_corners(grid)]
     if truth is not None:
@@ -40,9 +45,9 @@ def display_messages(
         found[schema.VIEW_TRUE_TF] = transform_messages(truth)
         found[schema.VIEW_TRUE_ROBOT] = _cloud(truth.child_frame, _robot(), first)
         found[schema.VIEW_TRUE_PATH] = _cloud(truth.frame, _path(truth), first)
-    if frames - {odometry.frame}:
-        beside = _beside(odometry.positions[:, :2], np.concatenate(corners))
-        places = {odometry.frame: beside} | dict.fromkeys(sorted(frames), (0.0, 0.0, 0.0))
+    if frames - {mover}:
+        beside = _beside(points, np.concatenate(corners))
+        places = {mover: beside} | dict.fromkeys(sorted(frames), (0.0, 0.0, 0.0))
         links = [static_message(frame, schema.VIEW_FRAME, place, start) for frame, place in places.items()]
         stamps, sequences = np.full(len(links), start), np.zeros(len(links), np.int64)
         found[schema.VIEW_TF] = (stamps, sequences, [data for _, _, (data,) in links])

@@ -1,7 +1,7 @@
 """Reads a log: an .mcap by the contract in ``schema``, or a ROS 2 recording that somebody else made.
 
 Four steps: raw messages (``mcap_file``), columns (``decode``), topics and frames found (``collect``), and here the Log:
-the laser the right way up on the robot, ranges made uniform, odometry at the stamps of the scans.
+the laser the right way up on the robot, ranges made uniform, odometry and gyroscope at the stamps of the scans.
 """
 
 from __future__ import annotations
@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.geometry import Pose, wrap_angle
+from pipeline.geometry import Pose
 from pipeline.logs import schema
+from pipeline.logs.beam_times import checked, sweeps_of
 from pipeline.logs.collect import collect, find, mark_no_return
-from pipeline.logs.columns import PoseColumns, ScanColumns
+from pipeline.logs.columns import ScanColumns
 from pipeline.logs.decode import decode_grid, decode_poses
+from pipeline.logs.gyroscope import turns_at
 from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.messages import Laser, Log, Trajectory
+from pipeline.logs.odometry import odometry_at
 from pipeline.logs.recorded import Messages, Names
 from pipeline.logs.writer import unpack_grid
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -34,8 +37,9 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     Ranges follow REP 117: NaN where invalid (0, NaN, below range_min), inf where nothing came back (above
     range_max). Odometry is the message with the scan's stamp (of several, the one with the scan's sequence
     number), else interpolated; scans outside its span are dropped, and ``log.metadata["reader"]``
-    counts them. ``names``: topics and frames to read where the file leaves a choice. Raises MclError for a file that
-    is no MCAP, is cut, or lacks scans, odometry or the laser's place on the robot, and says what it has instead.
+    counts them. A file without odometry has all of its scans, and zeros for it. ``names``: topics and frames to read
+    where the file leaves a choice. Raises MclError for a file that is no MCAP, is cut, or lacks scans, odometry that
+    ``names`` asks for, or the laser's place on the robot, and says what it has instead.
     """
     path = Path(path)
     with McapFile(path) as file:
@@ -50,15 +54,24 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     laser, ranges = _right_way_up(scans, drive.laser_in_base, path)
     order = np.argsort(scans.stamps, kind="stable")
     stamps, sequences, ranges = scans.stamps[order], scans.sequences[order], ranges[order]
-    poses, inside = odometry_at(stamps, sequences, drive.odometry)
-    if not inside.any():
-        raise MclError(
-            f"no scan lies within the odometry's time span: scans {_span(stamps)}, "
-            f"odometry {_span(drive.odometry.stamps)}",
-            "two clocks?",
-            path=path,
-        )
-    metadata[schema.READER] = {**drive.origin, "scans_outside_odometry": str(int((~inside).sum()))}
+    laser, wrong_times = checked(laser, stamps)
+    odometry, sweeps = drive.odometry, None
+    poses, inside = np.zeros((len(stamps), 3)), np.ones(len(stamps), np.bool_)
+    if odometry is not None:
+        poses, inside = odometry_at(stamps, sequences, odometry)
+        if not inside.any():
+            raise MclError(
+                f"no scan lies within the odometry's time span: scans {_span(stamps)}, "
+                f"odometry {_span(odometry.stamps)}",
+                "two clocks?",
+                path=path,
+            )
+        sweeps = sweeps_of(laser, stamps[inside], poses[inside], odometry)
+    turns = None if drive.gyroscope is None else turns_at(stamps[inside], drive.gyroscope, odometry)
+    told = {"beam_times_unused": wrong_times} if wrong_times else {}
+    if drive.gyroscope is not None and turns is None:
+        told["imu_unused"] = "it says nothing at the scans' stamps"
+    metadata[schema.READER] = {**drive.origin, "scans_outside_odometry": str(int((~inside).sum())), **told}
     with path.open("rb") as content:
         digest = hashlib.file_digest(content, "sha256").hexdigest()
     return Log(
@@ -72,6 +85,9 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
         grid=grid,
         ground_truth=truth,
         metadata=metadata,
+        wheels=odometry is not None,
+        sweeps=sweeps,
+        turns=turns,
     )
 
 
@@ -100,9 +116,10 @@ def _right_way_up(
     first, step = scans.angle_min, scans.angle_increment
     if upright < 0:  # seen from above, an upside-down laser turns the other way round its own x axis
         first, step = -first, -step
+    pace = scans.time_increment
     if step < 0:
-        first, step, ranges = first + (beams - 1) * step, -step, ranges[:, ::-1]
-    laser = Laser(pose, first, step, beams, scans.range_min, scans.range_max)
+        first, step, ranges, pace = first + (beams - 1) * step, -step, ranges[:, ::-1], -pace
+    laser = Laser(pose, first, step, beams, scans.range_min, scans.range_max, pace + 0.0)  # no negative zero
     return laser, np.ascontiguousarray(ranges)
 
 
@@ -116,29 +133,6 @@ def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> N
     with np.errstate(invalid="ignore"):
         ranges = np.where(ranges > high, np.float32(np.inf), ranges)
         return np.where((ranges <= 0) | (ranges < low), np.float32(np.nan), ranges)
-
-
-def odometry_at(
-    stamps: NDArray[np.int64], sequences: NDArray[np.int64], odometry: PoseColumns
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Poses (n, 3) at the scans' stamps, and which of the scans lie within the odometry's span."""
-    order = np.argsort(odometry.stamps, kind="stable")
-    times, poses, numbers = odometry.stamps[order], odometry.planar[order], odometry.sequences[order]
-    left, right = np.searchsorted(times, stamps, "left"), np.searchsorted(times, stamps, "right")
-    inside = (stamps >= times[0]) & (stamps <= times[-1])
-    before, after = np.clip(right - 1, 0, None), np.clip(right, None, len(times) - 1)
-    exact = right > left
-    share = (stamps - times[before]) / np.maximum(times[after] - times[before], 1)
-    share[exact] = 0.0
-    for i in np.flatnonzero(right - left > 1):
-        same = np.flatnonzero(numbers[left[i] : right[i]] == sequences[i])
-        if len(same):
-            before[i] = left[i] + same[0]
-    step = poses[after] - poses[before]
-    step[:, 2] = wrap_angle(step[:, 2])
-    result = poses[before] + share[:, None] * step
-    result[~exact, 2] = wrap_angle(result[~exact, 2])
-    return result, inside
 
 
 def _ground_truth(messages: Messages | None) -> Trajectory | None:

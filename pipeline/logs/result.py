@@ -26,7 +26,8 @@ from pipeline.logs.columns import PoseColumns
 from pipeline.logs.encode import map_message
 from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.messages import Log
-from pipeline.logs.reader import odometry_at, own_map
+from pipeline.logs.odometry import odometry_at
+from pipeline.logs.reader import own_map
 from pipeline.logs.transforms import Transforms, moved
 from pipeline.logs.writer import definition, pack_grid
 from pipeline.outputs import told

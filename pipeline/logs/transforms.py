@@ -29,6 +29,9 @@ class Transforms:
     def __init__(self, recorded: Recorded) -> None:
         self._recorded = recorded
 
+    def __bool__(self) -> bool:
+        return bool(self.static or self.moving)
+
     @cached_property
     def static(self) -> Links:
         """Links by child frame, as said once and for all (/tf_static, also below a namespace)."""
@@ -60,6 +63,27 @@ class Transforms:
             if link.frame == odom:
                 return link.child_frame
         return None
+
+    def root(self, frame: str) -> str:
+        """The highest frame that carries ``frame`` and does not move on what it is mounted on: the robot's own.
+
+        The way up ends below a link that moves, and below frames called map, world or odom.
+        """
+        for link in _upwards({**self.moving, **self.static}, frame):
+            if _fixed(link.frame) or (link.child_frame in self.moving and _moves(link)):
+                break
+            frame = link.frame
+        return frame
+
+    def knows(self, frame: str) -> bool:
+        """Whether any link leads up from a frame or down from it."""
+        links = {**self.moving, **self.static}
+        return frame in links or any(link.frame == frame for link in links.values())
+
+    def tells_odometry(self, frame: str) -> bool:
+        """Whether something among the moving links is, or may be, the odometry: above ``frame``, or by its name."""
+        way = [link for link in _upwards({**self.moving, **self.static}, frame) if link.child_frame in self.moving]
+        return any(map(_moves, way)) or any("odom" in link.frame.lower() for link in self.moving.values())
 
     def odometry(self, frame: str, odom: str | None = None) -> PoseColumns:
         """The link above ``frame`` that is the odometry: from ``odom``, from a frame named so, or the one that moves.
@@ -178,6 +202,11 @@ def _upwards(links: Links, frame: str, odom: str | None = None) -> Iterator[Pose
         yield link
         frame = link.frame
         seen.add(frame)
+
+
+def _fixed(frame: str) -> bool:
+    """Whether a frame is called as the building or the odometry's origin is."""
+    return "odom" in frame.lower() or frame.lower().rpartition("/")[2] in (schema.MAP_FRAME, "world")
 
 
 def _moves(link: PoseColumns) -> bool:

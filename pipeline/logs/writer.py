@@ -32,7 +32,7 @@ from pipeline.outputs import replacing
 def write_log(
     path: Path,
     scans: ScanColumns,
-    odometry: PoseColumns,
+    odometry: PoseColumns | None,
     laser_pose: Pose | NDArray[np.float64],
     *,
     grid: OccupancyGrid | None = None,
@@ -43,23 +43,24 @@ def write_log(
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     attachments: Mapping[str, bytes] | None = None,
 ) -> None:
-    """Writes scans, odometry (once more as /tf), the laser's pose in base_link, and what else is known.
+    """Writes scans, odometry (once more as /tf) if there is any, the laser's pose in base_link, and what else is known.
 
     ``laser_pose``: in the plane, or a 4x4 matrix where the laser hangs upside down. ``gyroscope``: its frame, if it
     has one, is written as lying at the centre of base_link. ``scan_time``: seconds from scan to scan, 0 if unknown.
     Stamps must not be negative. The file appears under its name when it is complete; a file that was there before
     survives a failure. Raises MclError if it cannot be written.
     """
-    start = int(min(scans.stamps.min(), odometry.stamps.min()))
+    start = int(min(columns.stamps.min() for columns in (scans, odometry) if columns is not None))
+    base = schema.BASE_FRAME if odometry is None else odometry.child_frame
     truth = _truth_columns(ground_truth)
     frames: dict[str, Pose | NDArray[np.float64]] = {scans.frame: laser_pose}
-    if gyroscope is not None and gyroscope.frame != odometry.child_frame:
+    if gyroscope is not None and gyroscope.frame != base:
         frames[gyroscope.frame] = (0.0, 0.0, 0.0)
     topics: dict[str, Messages | None] = {
         schema.MAP: None if grid is None else map_message(grid, start),
-        schema.TF_STATIC: static_messages(frames, odometry.child_frame, start),
-        schema.ODOMETRY: odometry_messages(odometry),
-        schema.TF: transform_messages(odometry),
+        schema.TF_STATIC: static_messages(frames, base, start),
+        schema.ODOMETRY: None if odometry is None else odometry_messages(odometry),
+        schema.TF: None if odometry is None else transform_messages(odometry),
         schema.SCAN: scan_messages(scans, scan_time),
         schema.IMU: gyroscope_messages(gyroscope),
         schema.LASER_POSE: pose_messages(laser_poses),

@@ -110,7 +110,8 @@ def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
     driven = math.hypot(step[0], step[1]) + 0.5 * abs(step[2])
     drift = np.diag([config.laser_drift_d**2, config.laser_drift_d**2, config.laser_drift_a**2]) * driven
     first, second = swing @ into @ a.covariance @ into.T @ swing.T, into @ b.covariance @ into.T
-    return Component("laser", step, first + second + drift + np.diag(LEAST), 1.0)
+    import os
+    return Component("laser", step, float(os.environ.get("MS","1"))*(first + second) + drift + np.diag(LEAST), 1.0)
 
 
 def _unseen(before: Motion, now: Motion) -> Component:

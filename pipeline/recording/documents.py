@@ -45,8 +45,16 @@ odometry and map are drawn apart. The wheels slip, and so the path bends and dri
 | drawn as | means |
 |---|---|
 | dark grey ring, arrow and line | the robot by its odometry, and its path so far |
-| blue dots | where the laser's beams end, as seen from the robot |
 """
+_LOG_STILL = """\
+A log before anybody has found the robot. Nothing in it tells how the wheels turned, so that the robot is drawn standing
+still, apart from the map, and what it sees moves around it.
+
+| drawn as | means |
+|---|---|
+| dark grey ring and arrow | the robot, in its own frame |
+"""
+_LOG_BEAMS = "| blue dots | where the laser's beams end, as seen from the robot |\n"
 _LOG_MAP = "| black, white and grey | the map's walls, what is free, and what nobody knows |\n"
 _LOG_TRUTH = "| green ring, arrow and line | where it was in truth, with the same scan |\n"
 
@@ -61,9 +69,9 @@ def explanation(config: Config) -> str:
     return _EXPLANATION.format(sampling=sampling)
 
 
-def log_explanation(*, grid: bool, truth: bool) -> str:
-    """What the picture of a log shows, with a map and with the truth where it knows them."""
-    return _LOG + (_LOG_MAP if grid else "") + (_LOG_TRUTH if truth else "")
+def log_explanation(*, grid: bool, truth: bool, wheels: bool = True) -> str:
+    """What the picture of a log shows, with a map, with the truth and with odometry where it knows them."""
+    return (_LOG if wheels else _LOG_STILL) + _LOG_BEAMS + (_LOG_MAP if grid else "") + (_LOG_TRUTH if truth else "")
 
 
 def run(log: Log, config: Config, seed: int, versions: Mapping[str, str]) -> str:

@@ -1,4 +1,7 @@
-"""A log as it was recorded, before anybody has found the robot: the map, and apart from it odometry and scans."""
+"""A log as it was recorded, before anybody has found the robot: the map, and apart from it odometry and scans.
+
+Without odometry the robot stands still there, and the scans are those of its own frame.
+"""
 
 from __future__ import annotations
 
@@ -40,11 +43,12 @@ def _fill(sink: Any, log: Log) -> None:
     with opened(sink, entities.LOG_ID, f"{log.name}-{log.sha256[:12]}", _layout(log)) as stream:
         everything = np.arange(len(log))
         unbroken = np.ones(len(log), np.bool_)
-        _drive(stream, log, everything, log.odometry, unbroken, (ROBOT, PATH), palette.ODOMETRY)
+        path = PATH if log.wheels else None
+        _drive(stream, log, everything, log.odometry, unbroken, (ROBOT, path), palette.ODOMETRY)
         if log.grid is not None:
             stream.log(entities.MAP, drawn_map(log.grid), static=True)
         truth = truth_at_scans(log)
-        told = documents.log_explanation(grid=log.grid is not None, truth=truth is not None)
+        told = documents.log_explanation(grid=log.grid is not None, truth=truth is not None, wheels=log.wheels)
         markdown = rr.TextDocument(told, media_type=rr.MediaType.MARKDOWN)
         stream.log(entities.EXPLANATION, markdown, static=True)
         if truth is not None:
@@ -57,17 +61,18 @@ def _drive(
     scans: NDArray[np.int64],
     poses: NDArray[np.float64],
     joined: NDArray[np.bool_],
-    places: tuple[str, str],
+    places: tuple[str, str | None],
     colour: palette.Colour,
 ) -> None:
-    """The robot at these poses (n, 3) of these scans (n,), with what it measured there, and its path."""
+    """The robot at these poses (n, 3) of these scans (n,), with what it measured there, and its path if it has one."""
     moving, path = places
     index = timelines(scans, log.times[scans])
     stream.send_columns(moving, index, transforms(poses, z=0.1))
     for entity, archetypes in robot(f"{moving}/body", f"{moving}/heading", colour).items():
         stream.log(entity, *archetypes, static=True)
-    stream.send_columns(path, index, segments(poses, z=0.03, joined=joined))
-    stream.log(path, rr.LineStrips3D.from_fields(radii=_line, colors=colour), static=True)
+    if path is not None:
+        stream.send_columns(path, index, segments(poses, z=0.03, joined=joined))
+        stream.log(path, rr.LineStrips3D.from_fields(radii=_line, colors=colour), static=True)
     ranges = log.ranges[scans]
     returned = np.isfinite(ranges)
     rows, beams = np.nonzero(returned)
@@ -90,12 +95,12 @@ def _layout(log: Log) -> rrb.Blueprint:
     views: list[rrb.View] = [
         rrb.Spatial3DView(
             origin=ODOMETRY,
-            name="Odometry",
+            name="Odometry" if log.wheels else "Robot",
             contents=f"{ODOMETRY}/**",
             eye_controls=looking_down(area, aspect),
             line_grid=False,
             background=palette.UNKNOWN,
-            overrides={PATH: so_far()},
+            overrides={PATH: so_far()} if log.wheels else {},
         )
     ]
     if log.grid is not None:

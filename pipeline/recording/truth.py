@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pipeline.logs.messages import Log
 
 JUMP = 0.5  # metres beyond what the odometry moved: the path is not drawn across
+FASTEST = 3.0  # m/s that a robot without odometry may drive
 
 Truth = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]
 
@@ -26,5 +27,7 @@ def truth_at_scans(log: Log) -> Truth | None:
     poses = np.stack([x, y, yaw], axis=-1)
     # Where somebody carried the robot, the truth leaps and the odometry does not.
     travelled = np.hypot(*np.diff(log.odometry[inside, :2], axis=0, prepend=np.nan).T)
+    if not log.wheels:
+        travelled = FASTEST * np.diff(wanted, prepend=np.nan)
     leapt = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=np.nan).T)
     return inside, poses, leapt <= travelled + JUMP

@@ -162,6 +162,15 @@ def test_rosbags_and_mcap_ros2_read_the_same_messages(ours: Path) -> None:
     assert found["/tf"] == found["/odom"] >= 5
 
 
+def test_a_log_without_odometry_is_one_for_others_too(tmp_path: Path) -> None:
+    sample, path = sample_dir(), tmp_path / "a.mcap"
+    options = {"map_path": sample / "office.dat.gz", "ground_truth": sample / "office_truth.tum"}
+    convert([sample / "office.log.gz"], path, **options, without_odometry=True)
+    check_structure(path)
+    assert read_by_rosbags(path) == read_by_mcap_ros2(path)
+    assert all(line.startswith("ok") for line in check_by_rerun(path).splitlines() if re.search(r"\s/\w+\s", line))
+
+
 def test_rerun_finds_no_issue(ours: Path) -> None:
     said = check_by_rerun(ours)
     rows = [line for line in said.splitlines() if re.search(r"\s/\w+\s", line)]

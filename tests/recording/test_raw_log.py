@@ -14,6 +14,7 @@ from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.documents import log_explanation
 from pipeline.recording.raw_log import write_raw_log
 from pipeline.recording.rrd_file import read_rrd
+from pipeline.recording.truth import truth_at_scans
 from pipeline.simulate import sample_dir
 
 
@@ -57,6 +58,25 @@ def test_what_a_log_lacks_is_left_out(recorded):
     assert not any(entity.startswith("/world") for entity in entities)
 
 
+def test_without_odometry_the_robot_stands_still_and_has_no_path(recorded):
+    log = drive(12)
+    log = replace(log, odometry=np.zeros((12, 3)), wheels=False)
+    entities, column = recorded(log)
+    assert {"/odometry/robot/scan", "/world/map", "/world/truth/scan", "/world/truth_path"} <= entities
+    assert "/odometry/path" not in entities
+    assert not np.array(column("/odometry/robot", "Transform3D:translation"))[:, 0, :2].any()
+    assert [len(points) for points in column("/odometry/robot/scan", "Points3D:positions")] == [180] * 12
+
+
+def test_without_odometry_the_true_path_leaps_where_no_robot_drives(recorded):
+    log = drive(12)
+    truth = log.ground_truth.poses.copy()
+    truth[:, :2] = np.column_stack([0.4 * np.arange(12), np.zeros(12)])  # 2 m/s
+    truth[6:, 0] += 4.0
+    log = replace(log, odometry=np.zeros((12, 3)), wheels=False, ground_truth=replace(log.ground_truth, poses=truth))
+    assert truth_at_scans(log)[2].tolist() == [False, *[True] * 5, False, *[True] * 5]
+
+
 def test_what_is_drawn_is_explained(recorded):
     entities, _ = recorded(drive(5))
     assert "/about/explanation" in entities
@@ -64,6 +84,8 @@ def test_what_is_drawn_is_explained(recorded):
     assert "truth" in log_explanation(grid=True, truth=True)
     assert "truth" not in log_explanation(grid=True, truth=False)
     assert "walls" not in log_explanation(grid=False, truth=False)
+    assert "path" not in log_explanation(grid=True, truth=False, wheels=False)
+    assert "blue dots" in log_explanation(grid=False, truth=False, wheels=False)
 
 
 def test_a_log_is_viewed_alone(office, tmp_path, listening):
@@ -73,6 +95,16 @@ def test_a_log_is_viewed_alone(office, tmp_path, listening):
     both = CliRunner().invoke(app, ["view", str(office.path), str(office.path), "--connect", address])
     assert both.exit_code == 1
     assert "a log is viewed alone" in both.stderr
+
+
+def test_a_log_without_odometry_is_viewed(tmp_path, monkeypatch):
+    sample, path, shown = sample_dir(), tmp_path / "office.mcap", []
+    convert([sample / "office.log.gz"], path, map_path=sample / "office.dat.gz", without_odometry=True)
+    monkeypatch.setattr("pipeline.recording.viewer.show", lambda file: shown.append(read_rrd(file)))
+    assert CliRunner().invoke(app, ["view", str(path)]).exit_code == 0
+    entities = {chunk.entity_path for chunk in shown.pop().chunks}
+    assert {"/odometry/robot/scan", "/world/map"} <= entities
+    assert "/odometry/path" not in entities
 
 
 def test_a_log_without_a_map_can_be_given_one(tmp_path, monkeypatch):
