@@ -243,12 +243,12 @@ def _ours(judge: Judge) -> Iterator[Row]:
     """What `mcl odometry` would write, with the wheels and without."""
     if find_spec("pipeline.motion") is None:
         return
+    from pipeline.config import load_config
     from pipeline.odometry import laser_odometry
 
-    from pipeline.config import Config
-
+    laser_odometry(_first(judge.log, 200), load_config())  # compiles
     for who, alone in (("ours, laser and wheels", False), ("ours, laser alone", True)):
-        found = laser_odometry(judge.log, Config(), alone=alone)
+        found = laser_odometry(judge.log, load_config(), alone=alone)
         yield judge.row(who, found.poses, 1e3 * float(np.mean(found.seconds)))
 
 

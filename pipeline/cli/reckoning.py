@@ -65,9 +65,9 @@ def odometry(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Tell where the robot went, by its laser and its wheels, without a map.
+    """Tell where the robot went without a map: laser odometry.
 
-    Where the truth is known, also how far that drifts, beside the laser alone and the wheels.
+    Its laser and its wheels are heard, or its laser alone. Where the truth is known, also how far each of them drifts.
     """
     if output is not None:
         check_output(output, force)
