@@ -162,7 +162,7 @@ SETTINGS = [
     Setting(
         "small_gicp", "small_gicp, GICP, 0.05 m, from the wheels", _gicp("GICP", 0.05, 0.5), wheels=True, best=True
     ),
-    Setting("small_gicp", "small_gicp, GICP, 0.1 m, from the wheels", _gicp("GICP", 0.1, 1.0), wheels=True),
+    Setting("small_gicp", "small_gicp, GICP, 0.1 m, from the wheels", _gicp("GICP", 0.1, 1.0), wheels=True, best=True),
     Setting(
         "small_gicp", "small_gicp, point to plane, 0.05 m, from the wheels", _gicp("PLANE_ICP", 0.05, 0.5), wheels=True
     ),
