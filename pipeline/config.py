@@ -50,7 +50,19 @@ class Config(BaseModel):
     kld_err: Positive = Field(0.05, description="Largest error allowed between the belief and the particles (KLD).")
     kld_z: Positive = Field(2.33, description="Quantile of the standard normal for that error: 2.33 is 99 %.")
 
-    # --- motion model (Table 5.6) ----------------------------------------------------------------------
+    # --- who says how the robot moved -------------------------------------------------------------------
+    odometry: Literal["both", "wheels", "laser"] = Field(
+        "both", description="Believe the wheels and the laser's own odometry, or one of them alone."
+    )
+    laser_share: Fraction = Field(
+        0.9, description="Where wheels and laser agree, the share of particles that follow the laser; the rest: wheels."
+    )
+    laser_drift_d: NonNegative = Field(
+        0.012, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."
+    )
+    laser_drift_a: NonNegative = Field(0.003, description="The same of its heading, rad.")
+
+    # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")
     alpha2: NonNegative = Field(0.02, description="Variance of rotation from translation, rad^2/m^2.")
     alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")

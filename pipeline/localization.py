@@ -75,7 +75,7 @@ def localize(
 
     clock = _Clock()
     with use_threads(threads):
-        mcl = ParticleFilter(grid, log.laser, config, seed)
+        mcl = ParticleFilter(grid, log.laser, config, seed, wheels=log.wheels)
         clock.lap("start")
         steps = _Columns(len(log))
         for scan in progress(log.scans()):
@@ -85,7 +85,7 @@ def localize(
                 sink.log(step)
             steps.log(step)
             clock.lap("record")
-        hindsight = mcl.hindsight.trajectory(log.odometry, seed)
+        hindsight = mcl.hindsight.trajectory(seed)
         clock.lap("hindsight")
     return steps.result(log, clock.seconds, hindsight)
 

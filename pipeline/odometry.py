@@ -113,7 +113,7 @@ def laser_odometry(log: Log, config: Config, *, alone: bool = False, progress: P
     ``config``: its parameters of the motion; which witnesses are heard is decided by ``alone``. A log without wheels
     has its laser alone in any case.
     """
-    from pipeline.motion.witnesses import Witnesses  # type: ignore[import-not-found,import-untyped,unused-ignore]
+    from pipeline.motion.witnesses import Witnesses
 
     alone = alone or not log.wheels
     heard = config.model_copy(update={"odometry": "laser" if alone else "both"})

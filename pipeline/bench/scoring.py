@@ -13,7 +13,6 @@ from pipeline.filter.belief import Belief
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.initialization import initial_particles
-from pipeline.filter.motion_model import OdometryMotion, odometry_motion
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.search import Search
 from pipeline.filter.sensor import Reading, Sensor
@@ -23,6 +22,8 @@ from pipeline.kernels.threads import use_threads
 from pipeline.logs.messages import Log, Scan
 from pipeline.maps.range_table import HEADINGS
 from pipeline.maps.walls import wall_half_thickness
+from pipeline.motion.prior import Prior, motion_prior
+from pipeline.motion.witnesses import Motion
 
 POSES = 200_000
 """Random poses of the scoring rows."""
@@ -52,7 +53,8 @@ class Bench:
         self.expected = ExpectedRanges(grid, log.laser, chosen, self.config, longest, thickness)
         scans = [scan for scan, _ in zip(log.scans(), range(DRIVE + 1), strict=False)]
         self.scan: Scan = scans[0]
-        self._motion: OdometryMotion = odometry_motion(scans[0].odometry, scans[-1].odometry, self.config)
+        first, last = (Motion(scan.time, scan.odometry, None, None, scan.odometry) for scan in (scans[0], scans[-1]))
+        self._prior: Prior = motion_prior(first, last, self.config)
         self.reading: Reading = self.sensor.read(self.scan)
         self.beams = len(chosen)
         self.poses = initial_particles(grid, self.config, int(stream_key(0, 0, 0)))
@@ -69,7 +71,7 @@ class Bench:
 
     def update(self) -> None:
         """One turn of the belief, all of it: read a scan, move, score, find the hypotheses, resample."""
-        self.belief.advance(self._motion, self.sensor.read(self.scan), 1)
+        self.belief.advance(self._prior, self.sensor.read(self.scan), 1)
         self.resample()
 
     def resample(self) -> None:

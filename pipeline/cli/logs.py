@@ -37,6 +37,13 @@ def _interval(text: str) -> tuple[float, float]:
     return interval
 
 
+class LogFormat(StrEnum):
+    """How a simulated log is written; the names are those of ``pipeline.simulate.Format``."""
+
+    cmu = "cmu"
+    mcap = "mcap"
+
+
 class MapMode(StrEnum):
     """How map_server reads an image."""
 
@@ -128,28 +135,57 @@ def _doubt_truth(path: Path) -> None:
 
 
 def simulate(
-    building: Annotated[Path, typer.Argument(metavar="BUILDING.yaml", help="The building, the robot and its orders.")],
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="The folder to write to.")],
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another drive.")] = 0,
+    building: Annotated[
+        Path,
+        typer.Argument(
+            metavar="BUILDING.yaml", help="This file describes the building, the robot, its sensors and its orders."
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="The files are written to this folder.")
+    ],
+    seed: Annotated[
+        int, typer.Option(min=0, help="All noise follows from the seed: another one gives another log.")
+    ] = 0,
+    log_format: Annotated[
+        LogFormat | None,
+        typer.Option(
+            "--format",
+            help="With cmu a raw log and a beesoft map are written, with mcap one .mcap and a map for ROS. "
+            "Without this option the format is cmu, or mcap if a raw log cannot hold what the robot measures.",
+        ),
+    ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Drive through a made-up building: raw log, map, and truth."""
-    from pipeline.simulate import load_building
+    """Drive through a made-up building, and write the log, the map and the truth.
+
+    The description says what laser the robot has, and whether it has a gyroscope.
+    """
+    from pipeline.simulate import Format, chosen_format, load_building, output_names
     from pipeline.simulate import simulate as simulate_drive
 
     description = load_building(building)
-    check_folder(output, [f"{description.name}{end}" for end in (".log.gz", ".dat.gz", "_truth.tum")], force)
-    report = simulate_drive(description, output, seed)
+    try:
+        kind = chosen_format(description, None if log_format is None else Format(log_format.value))
+    except MclError as error:
+        raise MclError(error.message, error.hint, path=building) from error
+    names = output_names(description, kind)
+    for name in names:
+        if (output / name).exists() and building.samefile(output / name):
+            raise MclError("the output is the input", "give another folder", path=output / name)
+    check_folder(output, names, force)
+    report = simulate_drive(description, output, seed, kind)
     rows = [
         ("seed", str(report.seed)),
+        ("format", report.format.value),
         ("scans", f"{report.scans:,}"),
         ("duration", f"{report.duration:.1f} s"),
         ("distance", f"{report.distance:.1f} m"),
         ("odometry alone ends off by", f"{report.odometry_error:.2f} m"),
     ]
     console.note(facts(description.name, rows))
-    for path in (report.log, report.map, report.ground_truth):
-        console.result(str(path))
+    for name in names:
+        console.result(str(output / name))
 
 
 def _convert_map(source: Path, output: Path, mode: MapMode, force: bool) -> None:

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.filter.adaptive import next_count
 from pipeline.filter.estimate import Clusters
-from pipeline.filter.motion_model import MotionNoise, Move, OdometryMotion
 from pipeline.filter.particles import Particles
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Estimate
 from pipeline.kernels.random import stream_key
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.mover import Mover
+from pipeline.motion.prior import Prior
 
 MOTION, RESAMPLE = 1, 2
 """Purposes of random numbers."""
@@ -28,7 +29,7 @@ class Belief:
         self._clusters = Clusters(grid, config.max_particles)
         self._resample_due = False
         self._updates = 0
-        self._noise = MotionNoise(config.slip)
+        self._mover = Mover(config.slip)
         self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
 
@@ -46,14 +47,15 @@ class Belief:
         self._resample_due = False
         return True
 
-    def advance(self, motion: OdometryMotion, reading: Reading, scan: int, slipping: bool = False) -> None:
-        """Every particle drives as the odometry says, each with noise of its own, or with more; and is weighed."""
-        self.weigh(reading, self._noise.move(motion, stream_key(self._seed, scan, MOTION), slipping))
+    def advance(self, prior: Prior, reading: Reading, scan: int, slipping: bool = False) -> None:
+        """Every particle moves as one of the witnesses says, with noise of its own, or with more; and is weighed."""
+        self._mover.move(self.particles.poses, prior, stream_key(self._seed, scan, MOTION), slipping)
+        self.weigh(reading)
 
-    def weigh(self, reading: Reading, move: Move | None = None) -> None:
-        """Every particle is weighed by how well its pose explains the scan, after a ``move`` if there is one."""
+    def weigh(self, reading: Reading) -> None:
+        """Every particle is weighed by how well its pose explains the scan."""
         p, least = self.particles, self._config.resample_ess
-        self._sensor.score(p.poses, reading, p.log_likelihood, move)
+        self._sensor.score(p.poses, reading, p.log_likelihood)
         p.weigh(reading.temper)
         self._updates += 1
         asked = self._updates % self._config.resample_interval == 0

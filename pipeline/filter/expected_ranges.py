@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.filter.motion_model import Move
-from pipeline.kernels import motion, raycast, scoring
+from pipeline.kernels import raycast, scoring
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import (
@@ -81,26 +80,19 @@ class ExpectedRanges:
         log_likelihood: NDArray[np.float32],
         outside: float,
         out: NDArray[np.float32],
-        move: Move | None = None,
     ) -> None:
         """Log-likelihood of a scan at poses (3, n) float32 in the grid frame -> ``out`` (n,) float32.
 
-        ``log_likelihood`` (k, 256) float32 of the scan's beams; ``outside`` for poses in walls or off the map. First
-        the poses make the ``move``, in place.
+        ``log_likelihood`` (k, 256) float32 of the scan's beams; ``outside`` for poses in walls or off the map.
         """
         n, k = poses.shape[1], len(self._angles)
         if self._casts:
-            if move is not None:
-                motion.move(30 * n, *poses, *move)
             codes = np.empty((n, k), np.uint8)
             self._cast_codes(poses, codes)
             scoring.score_codes(n * k, codes, log_likelihood, np.float32(outside), out)
         else:
             table = (self.rows, self.offsets, log_likelihood, np.float32(outside))
-            if move is None:
-                scoring.score(n * k, *poses, *self.place, *table, out)
-            else:
-                scoring.move_and_score(n * k, *poses, *move, *self.place, *table, out)
+            scoring.score(n * k, *poses, *self.place, *table, out)
 
     def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
         """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""

@@ -7,14 +7,16 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.estimate import Clusters
-from pipeline.filter.motion_model import odometry_motion
 from pipeline.filter.particles import Particles
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.rivals import Rivals
+from pipeline.filter.step import Step
 from pipeline.geometry import between, compose
 from pipeline.kernels.random import stream_key, uniforms
 from pipeline.kernels.smoothing import draw_predecessors
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.prior import Component, Prior
+from pipeline.motion.witnesses import Motion
 
 REMEMBERED = 4000
 """Particles kept of every update, drawn by weight: enough to hold every place that was in question at the start."""
@@ -33,13 +35,19 @@ class Hindsight:
 
     def __init__(self, grid: OccupancyGrid, config: Config) -> None:
         self._grid, self._config = grid, config
+        self._way: list[NDArray[np.float64]] = []
         self._scans: list[int] = []
+        self._priors: list[Prior | None] = []
         self._poses: list[NDArray[np.float32]] = []
         self._weights: list[NDArray[np.float32]] = []
         self._own = 0
 
+    def follow(self, motion: Motion) -> None:
+        """Take note of the dead reckoning at every scan, whether there is an update or not."""
+        self._way.append(motion.pose)
+
     def remember(
-        self, scan: int, particles: Particles, rivals: Rivals, odds: NDArray[np.float64], key: np.uint64
+        self, step: Step, particles: Particles, rivals: Rivals, odds: NDArray[np.float64], key: np.uint64
     ) -> None:
         """Keep the belief after an update, at most 4000 particles drawn by weight, and some of each of its rivals: one
         of them may turn out to have been right. ``odds`` (1 + rivals,) are the belief's and theirs."""
@@ -49,13 +57,14 @@ class Hindsight:
         ancestors = draw_ancestors(particles.weights, own, "low_variance", key)
         others = rivals.particles[:, :, ::PER_RIVAL]
         shares = np.append(odds[0] / own, np.repeat(odds[1:] / others.shape[2], others.shape[2]))
-        self._scans.append(scan)
+        self._scans.append(step.index)
+        self._priors.append(step.prior)
         self._poses.append(np.ascontiguousarray(np.hstack([particles.poses[:, ancestors], others.reshape(3, -1)])))
         self._weights.append(np.append(np.full(own - 1, shares[0]), shares).astype(np.float32))
         self._own = own
 
-    def trajectory(self, odometry: NDArray[np.float64], seed: int) -> NDArray[np.float64] | None:
-        """(n, 3) poses in the map frame for the n scans whose odometry (n, 3) is given; None if nothing was kept.
+    def trajectory(self, seed: int) -> NDArray[np.float64] | None:
+        """(n, 3) poses in the map frame for the n scans of the log; None if nothing was kept.
 
         Draws whole trajectories backwards, each step by step among the particles of the time, weighted by how well the
         motion model connects them; reports the heaviest hypothesis among them.
@@ -72,17 +81,18 @@ class Hindsight:
         walks[-1] = at[which]
         chosen = np.empty(TRAJECTORIES, np.int32)
         for k in range(len(self._scans) - 2, -1, -1):
-            before, after = odometry[self._scans[k]], odometry[self._scans[k + 1]]
-            m = odometry_motion(before, after, self._config)
-            turn = float(np.hypot(m.std_rot1, m.std_rot2))
-            std = np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
+            prior = self._priors[k + 1]
+            assert prior is not None, "only the first update has no prior"
+            moved = np.array([component.step for component in prior.components])
+            std = np.array([_deviations(component) for component in prior.components])
+            shares = np.array([component.share for component in prior.components])
             poses, key = self._poses[k], stream_key(seed, self._scans[k], SMOOTH)
-            work, moved = 8 * len(at) * poses.shape[1], between(before, after)
-            draw_predecessors(work, *poses, self._weights[k], at, which, moved, std, JUMP, key, chosen)
+            work = 8 * len(at) * poses.shape[1] * len(shares)
+            draw_predecessors(work, *poses, self._weights[k], at, which, moved, std, shares, JUMP, key, chosen)
             places, which = np.unique(chosen, return_inverse=True)
             at = poses[:, places].T.astype(np.float64)
             walks[k] = at[which]
-        return self._fill(self._agree(walks), odometry)
+        return self._fill(self._agree(walks))
 
     def _agree(self, walks: NDArray[np.float64]) -> NDArray[np.float64]:
         """The heaviest hypothesis among the walks (k, trajectories, 3) at each update: (k, 3) in the map frame."""
@@ -93,8 +103,16 @@ class Hindsight:
             out[k] = clusters.find(np.ascontiguousarray(at.T.astype(np.float32)), equal)[0].pose
         return out
 
-    def _fill(self, poses: NDArray[np.float64], odometry: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Poses for every scan: where the robot stood (nearly) still, the odometry leads on from the last update."""
-        scans = np.array(self._scans)
-        row = np.searchsorted(scans, np.arange(len(odometry)), side="right") - 1
-        return compose(poses[row], between(odometry[scans[row]], odometry))
+    def _fill(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Poses for every scan: where the robot stood (nearly) still, the witnesses lead on from the last update."""
+        scans, way = np.array(self._scans), np.array(self._way)
+        row = np.searchsorted(scans, np.arange(len(way)), side="right") - 1
+        return compose(poses[row], between(way[scans[row]], way))
+
+
+def _deviations(component: Component) -> NDArray[np.float64]:
+    """(3,) along, across and in heading; widened, since finitely many particles cannot lie exactly where they must."""
+    if (m := component.wheels) is not None:
+        turn = float(np.hypot(m.std_rot1, m.std_rot2))
+        return np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
+    return np.hypot(np.sqrt(np.diag(component.covariance)), BANDWIDTH)

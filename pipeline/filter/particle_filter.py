@@ -15,7 +15,6 @@ from pipeline.filter.belief import Belief
 from pipeline.filter.estimate import map_estimate
 from pipeline.filter.hindsight import Hindsight
 from pipeline.filter.initialization import initial_particles
-from pipeline.filter.motion_model import odometry_motion
 from pipeline.filter.narrator import Narrator
 from pipeline.filter.recovery import MARGIN, Recovery, Verdict
 from pipeline.filter.sensor import Reading, Sensor, explained_share
@@ -26,6 +25,8 @@ from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.prior import Prior, motion_prior
+from pipeline.motion.witnesses import Motion, Witnesses
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -43,37 +44,43 @@ class ParticleFilter:
     The same grid, laser, config, seed and scans give the same steps, whatever the number of threads.
     """
 
-    def __init__(self, grid: OccupancyGrid, laser: Laser, config: Config, seed: int = 0) -> None:
+    def __init__(
+        self, grid: OccupancyGrid, laser: Laser, config: Config, seed: int = 0, *, wheels: bool = True
+    ) -> None:
         self._grid, self._laser, self._config, self._seed = grid, laser, config, seed
         self._sensor = Sensor(grid, laser, config)
         self._belief = Belief(grid, config, self._sensor, seed)
         self._recovery = Recovery(grid, config, self._sensor, seed)
         self._narrator = Narrator()
         self._map_poses = np.empty((config.max_particles, 3), np.float32)
-        self._odometry: NDArray[np.float64] | None = None
+        self._witnesses = Witnesses(laser, config, wheels)
+        self._motion: Motion | None = None
         self.hindsight = Hindsight(grid, config)
 
     def update(self, scan: Scan) -> Step:
         """Let one scan change the belief; a robot that stands still teaches nothing new, so nothing changes then."""
         if len(scan.ranges) != self._laser.beams:
             raise MclError(f"scan {scan.index} has {len(scan.ranges)} ranges, the laser {self._laser.beams} beams")
+        motion = self._witnesses.update(scan)
+        self.hindsight.follow(motion)
         reading = self._sensor.read(scan)
-        resampled, verdict = False, None
-        if moved := self._moved(scan):
-            if self._odometry is None:
+        prior, resampled, verdict = None, False, None
+        if moved := self._moved(motion):
+            if self._motion is None:
                 self._start(scan, reading)
             else:
-                resampled, verdict = self._advance(scan, reading, self._odometry)
-            self._odometry = scan.odometry
-        step = self._step(scan, reading, moved, resampled)
+                prior = motion_prior(self._motion, motion, self._config)
+                resampled, verdict = self._advance(scan, reading, motion, prior)
+            self._motion = motion
+        step = self._step(scan, reading, motion, prior, moved, resampled)
         if moved:
             self._learn(step)
         return self._narrator.tell(step, verdict)
 
-    def _moved(self, scan: Scan) -> bool:
-        if self._odometry is None:
+    def _moved(self, motion: Motion) -> bool:
+        if self._motion is None:
             return True
-        dx, dy, turn = between(self._odometry, scan.odometry)
+        dx, dy, turn = between(self._motion.pose, motion.pose)
         return math.hypot(dx, dy) >= self._config.update_min_d or abs(turn) >= self._config.update_min_a
 
     def _start(self, scan: Scan, reading: Reading) -> None:
@@ -87,12 +94,13 @@ class ParticleFilter:
         self._belief.particles.place(poses)
         self._belief.weigh(reading)
 
-    def _advance(self, scan: Scan, reading: Reading, before: NDArray[np.float64]) -> tuple[bool, Verdict | None]:
+    def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Verdict | None]:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""
-        motion = odometry_motion(before, scan.odometry, self._config)
         resampled = self._belief.resample(scan.index)
-        self._belief.advance(motion, reading, scan.index, self._recovery.slipping)
-        return resampled, self._recovery.review(self._belief, motion, reading, scan)
+        # Where the laser is heard, it says itself that the wheels slip.
+        slipping = motion.laser is None and self._recovery.slipping
+        self._belief.advance(prior, reading, scan.index, slipping)
+        return resampled, self._recovery.review(self._belief, motion, prior, reading, scan)
 
     def _learn(self, step: Step) -> None:
         if step.estimate.weight > TRUSTED:
@@ -100,12 +108,14 @@ class ParticleFilter:
         self._recovery.observe(step)
         key = stream_key(self._seed, step.index, REMEMBER)
         recovery = self._recovery
-        self.hindsight.remember(step.index, self._belief.particles, recovery.rivals, recovery.odds(MARGIN), key)
+        self.hindsight.remember(step, self._belief.particles, recovery.rivals, recovery.odds(MARGIN), key)
 
-    def _step(self, scan: Scan, reading: Reading, moved: bool, resampled: bool) -> Step:
+    def _step(
+        self, scan: Scan, reading: Reading, motion: Motion, prior: Prior | None, moved: bool, resampled: bool
+    ) -> Step:
         p, best = self._belief.particles, self._belief.hypotheses[0]
-        # While the robot (nearly) stands still, the estimate follows the odometry, as the next prediction will.
-        drift = between(self._odometry, scan.odometry)  # type: ignore[arg-type]
+        # While the robot (nearly) stands still, the estimate follows the witnesses, as the next prediction will.
+        drift = between(self._motion.pose, motion.pose)  # type: ignore[union-attr]
         odds = self._recovery.odds()
         estimate = Estimate(compose(best.pose, drift), best.covariance, float(odds[0]) * best.weight)
         at_x, at_y, _ = self._grid.to_grid(estimate.pose)
@@ -126,6 +136,8 @@ class ParticleFilter:
             spread=p.spread(at_x, at_y),
             moved=moved,
             resampled=resampled,
+            motion=motion,
+            prior=prior,
             heat=self._sensor.heat(),
         )
 

@@ -11,13 +11,14 @@ from pipeline.config import Config
 from pipeline.filter.belief import Belief
 from pipeline.filter.evidence import Evidence
 from pipeline.filter.initialization import initial_particles
-from pipeline.filter.motion_model import OdometryMotion
 from pipeline.filter.rivals import Rivals, same_place
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Step
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.prior import Prior
+from pipeline.motion.witnesses import Motion
 
 RATE = 0.1
 """Share of a new scan in the smoothed share of explained beams: about ten updates of memory."""
@@ -101,19 +102,19 @@ class Recovery:
         self._slow = step.mean_likelihood if first else self._slow + slow * (step.mean_likelihood - self._slow)
         self._fast = step.mean_likelihood if first else self._fast + fast * (step.mean_likelihood - self._fast)
 
-    def review(self, belief: Belief, motion: OdometryMotion, reading: Reading, scan: Scan) -> Verdict | None:
+    def review(self, belief: Belief, motion: Motion, prior: Prior, reading: Reading, scan: Scan) -> Verdict | None:
         """Let the rivals take their turn after the belief has taken its own; returns the verdict, if one fell."""
         if self._config.recovery == "augmented":
             self._add_random(belief, scan.index)
         if self._config.recovery != "search":
             return None
-        self.rivals.follow(motion, reading, scan.index)
+        self.rivals.follow(prior, reading, scan.index)
         if self._doubtful(scan):
             key = stream_key(self._seed, scan.index, STREAM)
             self._add(self._sensor.search(reading, DRAWS, key, coarse=True).poses, self._place(belief)[None], scan)
         if not len(self.rivals):
             return None
-        self._hear(belief, reading, scan)
+        self._hear(belief, reading, motion.pose)
         verdict = self._decide(belief, scan)
         self._dismiss(belief)
         return verdict
@@ -130,10 +131,10 @@ class Recovery:
     def _place(self, belief: Belief) -> NDArray[np.float64]:
         return self._grid.to_grid(belief.hypotheses[0].pose)
 
-    def _hear(self, belief: Belief, reading: Reading, scan: Scan) -> None:
+    def _hear(self, belief: Belief, reading: Reading, at: NDArray[np.float64]) -> None:
         poses = np.vstack([self._place(belief), self.rivals.poses])
         testimony, weight = self._sensor.testimony(poses, reading)
-        self._evidence.enter(testimony, self._sensor.ends(scan.odometry, reading), scan.odometry[:2], weight)
+        self._evidence.enter(testimony, self._sensor.ends(at, reading), at[:2], weight)
 
     def _decide(self, belief: Belief, scan: Scan) -> Verdict | None:
         leads = self._evidence.leads()

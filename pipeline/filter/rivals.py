@@ -7,12 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.filter.motion_model import MotionNoise, OdometryMotion
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.geometry import wrap_angle
 from pipeline.kernels import places
 from pipeline.kernels.random import stream_key
+from pipeline.motion.mover import Mover
+from pipeline.motion.prior import Prior
 
 EACH = 300
 """Particles of one rival: enough to follow a single place."""
@@ -31,7 +32,7 @@ class Rivals:
 
     def __init__(self, sensor: Sensor, seed: int, stream: int) -> None:
         self._sensor, self._seed, self._stream = sensor, seed, stream
-        self._noise = MotionNoise()
+        self._mover = Mover()
         self.particles = np.empty((3, 0, EACH), np.float32)
         self.weights = np.empty((0, EACH))
         self.poses = np.empty((0, 3))
@@ -72,7 +73,7 @@ class Rivals:
         self.weights = self.weights[rows]
         self.poses, self.began, self._ess = self.poses[rows], self.began[rows], self._ess[rows]
 
-    def follow(self, motion: OdometryMotion, reading: Reading, scan: int) -> None:
+    def follow(self, prior: Prior, reading: Reading, scan: int) -> None:
         """Every rival takes one turn: resample, predict, weigh."""
         if not len(self):
             return
@@ -83,9 +84,9 @@ class Rivals:
             self.particles[:, row] = self.particles[:, row, survivors]
             self.weights[row] = 1.0 / EACH
         flat = self.particles.reshape(3, -1)
-        move = self._noise.move(motion, stream_key(self._seed, scan, self._stream + 2))
+        self._mover.move(flat, prior, stream_key(self._seed, scan, self._stream + 2))
         log_likelihood = np.empty(flat.shape[1], np.float32)
-        self._sensor.score(flat, reading, log_likelihood, move)
+        self._sensor.score(flat, reading, log_likelihood)
         places.weigh(self.weights, log_likelihood.reshape(self.weights.shape), reading.temper, self._ess)
         places.mean_poses(*self.particles, self.weights, self.poses)
 

@@ -11,12 +11,10 @@ from pipeline.config import Config
 from pipeline.filter.beam_model import BeamModel
 from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.likelihood_field import LikelihoodField
-from pipeline.filter.motion_model import Move
 from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
 from pipeline.filter.step import Beams
 from pipeline.geometry import compose
-from pipeline.kernels import motion
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.walls import wall_half_thickness
@@ -76,19 +74,12 @@ class Sensor:
         valid = int(np.count_nonzero(~np.isnan(ranges)))
         return Reading(ranges, rows, outside, self._model.temper(ranges), max(1, valid))
 
-    def score(
-        self, poses: NDArray[np.float32], reading: Reading, out: NDArray[np.float32], move: Move | None = None
-    ) -> None:
-        """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32.
-
-        They first make the ``move``, if there is one: in place, and with the table of ranges in the same pass.
-        """
+    def score(self, poses: NDArray[np.float32], reading: Reading, out: NDArray[np.float32]) -> None:
+        """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32."""
         if self._field is None:
-            self._expected.score(poses, reading.rows, reading.outside, out, move)
+            self._expected.score(poses, reading.rows, reading.outside, out)
             return
         assert reading.ends is not None, "a reading of another sensor"
-        if move is not None:
-            motion.move(30 * poses.shape[1], *poses, *move)
         self._field.score(poses, reading.ends, out)
 
     def search(self, reading: Reading, n: int, key: np.uint64, coarse: bool = False) -> Posterior:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.motion.prior import Prior
+from pipeline.motion.witnesses import Motion
+
 
 @dataclass(frozen=True)
 class Estimate:
@@ -56,6 +59,7 @@ class Step:
     ``heat`` (m, 3) float32, where the building was searched at this scan: x, y in the map frame of the best cells, and
     by how many nats, tempered, the best pose in each is behind the best of all (0 or less).
     ``spread``: RMS distance of the particles from the estimate, m; ``moved``: the robot moved since the last update.
+    ``motion``: what wheels and laser say of the way so far; ``prior``: how the particles moved, None if they did not.
     """
 
     index: int
@@ -72,5 +76,7 @@ class Step:
     spread: float
     moved: bool
     resampled: bool
+    motion: Motion
+    prior: Prior | None = None
     heat: NDArray[np.float32] | None = None
     events: tuple[Event, ...] = ()

@@ -15,7 +15,6 @@ from numba import prange
 from pipeline.kernels import BLOCK, inline, kernel, paired
 from pipeline.kernels.elementary import sine_cosine
 from pipeline.kernels.memory import prefetch
-from pipeline.kernels.motion import move_some
 
 AHEAD = 32
 """So many places ahead the rows of the table are asked for: as long as memory takes to answer."""
@@ -170,19 +169,6 @@ def score(x, y, theta, laser_x, laser_y, laser_yaw, inv_resolution, headings, ro
     n = x.shape[0]
     for b in prange((n + BLOCK - 1) // BLOCK):
         first, last = b * BLOCK, min((b + 1) * BLOCK, n)
-        score_some(x, y, theta, first, last, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, rows,
-                   offsets, log_likelihood, outside, out)  # fmt: skip
-
-
-@paired
-def move_and_score(x, y, theta, rot1, trans, rot2, std1, std_t, std2, key, quantiles, drives,
-                   laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, rows, offsets,
-                   log_likelihood, outside, out):  # fmt: skip
-    """``motion.move`` and ``score`` in one pass: a block of particles is scored while it still lies in the cache."""
-    n = x.shape[0]
-    for b in prange((n + BLOCK - 1) // BLOCK):
-        first, last = b * BLOCK, min((b + 1) * BLOCK, n)
-        move_some(x, y, theta, first, last, rot1, trans, rot2, std1, std_t, std2, key, quantiles, drives)
         score_some(x, y, theta, first, last, laser_x, laser_y, laser_yaw, inv_resolution, headings, row_of_cell, rows,
                    offsets, log_likelihood, outside, out)  # fmt: skip
 

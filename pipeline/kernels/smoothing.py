@@ -14,10 +14,11 @@ STRETCH = 64
 
 
 @inline
-def densities(x, y, theta, cos, sin, weights, at, moved, scale, jump, out):
+def add_densities(x, y, theta, cos, sin, weights, at, moved, scale, share, jump, out):
     """How likely each particle led to the pose ``at`` (3,) by the move: a Gaussian in its own frame, or a jump.
 
-    ``moved`` (3,) float32, ``scale`` (3,) float32 inverse deviations -> ``out`` (n,) float32. No branches.
+    ``moved`` (3,) float32, ``scale`` (3,) float32 inverse deviations; ``jump``: of a jump -> added to ``out`` (n,)
+    float32, ``share`` times. No branches.
     """
     at_x, at_y, at_yaw = np.float32(at[0]), np.float32(at[1]), np.float32(at[2]) - moved[2]
     for i in range(x.shape[0]):
@@ -26,28 +27,32 @@ def densities(x, y, theta, cos, sin, weights, at, moved, scale, jump, out):
         across = (cos[i] * dy - sin[i] * dx - moved[1]) * scale[1]
         turn = wrapped(at_yaw - theta[i]) * scale[2]
         far = along * along + across * across + turn * turn
-        out[i] = weights[i] * (jump + exponential(np.float32(-0.5) * far))
+        out[i] += share * (weights[i] * (jump + exponential(np.float32(-0.5) * far)))
 
 
 @paired
-def draw_predecessors(x, y, theta, weights, at, which, moved, std, jump, key, chosen):
+def draw_predecessors(x, y, theta, weights, at, which, moved, std, shares, jump, key, chosen):
     """For each trajectory j at its pose ``at[which[j]]``, draw the particle one update earlier that it came from.
 
     ``at`` (u, 3) poses and ``which`` (m,) int64: trajectories run together, and what is the same is worked out once.
 
-    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (3,): dx, dy, dtheta of the
-    odometry as seen from the earlier pose; ``std`` (3,): deviations along, across and in heading; ``jump``: density of
-    coming from anywhere, as a kidnapped robot does, relative to the peak -> ``chosen`` (m,) int32.
+    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (c, 3): dx, dy, dtheta that each
+    witness tells, as seen from the earlier pose; ``std`` (c, 3): deviations along, across and in heading; ``shares``
+    (c,) of belief in each; ``jump``: density of coming from anywhere, as a kidnapped robot does, relative to the peak
+    -> ``chosen`` (m,) int32.
     """
     n = x.shape[0]
     cos, sin = np.empty(n, np.float32), np.empty(n, np.float32)
     for i in range(n):
         sin[i], cos[i] = sine_cosine(theta[i])
     way, scale = moved.astype(np.float32), (1.0 / std).astype(np.float32)
+    share = shares.astype(np.float32)
     stretches = (n + STRETCH - 1) // STRETCH
     for u in prange(at.shape[0]):
         density, upto = np.empty(n, np.float32), np.empty(stretches + 1)
-        densities(x, y, theta, cos, sin, weights, at[u], way, scale, np.float32(jump), density)
+        density[:] = np.float32(0.0)
+        for c in range(way.shape[0]):
+            add_densities(x, y, theta, cos, sin, weights, at[u], way[c], scale[c], share[c], np.float32(jump), density)
         upto[0] = 0.0
         for s in range(stretches):
             upto[s + 1] = upto[s] + sum_of(density, s * STRETCH, min((s + 1) * STRETCH, n))

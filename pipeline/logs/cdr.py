@@ -40,6 +40,15 @@ LASER_SCAN: Final[Fields] = (
     ("ranges", FLOATS),
     ("intensities", FLOATS),
 )
+IMU: Final[Fields] = (
+    *_HEADER,
+    ("orientation", "4<f8"),
+    ("orientation_covariance", "9<f8"),
+    ("angular_velocity", "3<f8"),
+    ("angular_velocity_covariance", "9<f8"),
+    ("linear_acceleration", "3<f8"),
+    ("linear_acceleration_covariance", "9<f8"),
+)
 ONE_TRANSFORM: Final[Fields] = (("transforms", "<u4"), *_HEADER, ("child_frame_id", STRING), *_POSE)
 OCCUPANCY_GRID: Final[Fields] = (
     *_HEADER,

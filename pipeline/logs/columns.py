@@ -15,7 +15,8 @@ class ScanColumns:
     """n scans of one laser, as recorded: ``stamps`` (n,) int64 ns, ``sequences`` (n,) int64, ``ranges`` (n, beams) m.
 
     Angles in radians in the laser's own frame ``frame``; nothing is cleaned or turned round yet. ``resampled``: how
-    many of the scans had other beams and were brought onto these.
+    many of the scans had other beams and were brought onto these. ``time_increment``: seconds from beam to beam in the
+    order of the message.
     """
 
     stamps: NDArray[np.int64]
@@ -27,6 +28,7 @@ class ScanColumns:
     range_max: float
     frame: str
     resampled: int = 0
+    time_increment: float = 0.0
 
     def __len__(self) -> int:
         return len(self.stamps)
@@ -73,3 +75,12 @@ def planar_poses(
         frame,
         child_frame,
     )
+
+
+@dataclass(frozen=True)
+class GyroscopeColumns:
+    """n readings of a gyroscope: ``stamps`` (n,) int64 ns, ``rates`` (n,) float64 rad/s about the robot's z axis."""
+
+    stamps: NDArray[np.int64]
+    rates: NDArray[np.float64]
+    frame: str = "base_link"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from pipeline.geometry import Pose, yaw_to_quaternion
 from pipeline.logs import cdr, schema
-from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.decode import typestore
 from pipeline.logs.transforms import to_quaternion
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -46,6 +47,17 @@ def static_message(frame: str, base: str, pose: Pose | NDArray[np.float64], stam
     return _filled(rows, place)
 
 
+def static_messages(frames: Mapping[str, Pose | NDArray[np.float64]], base: str, stamp: int) -> Messages:
+    """The places of several frames on ``base`` as one TFMessage: of a latched topic only the last message is kept."""
+    messages = [static_message(frame, base, pose, stamp) for frame, pose in frames.items()]
+    if len(messages) == 1:
+        return messages[0]
+    store = typestore()
+    transforms = [t for _, _, (data,) in messages for t in store.deserialize_cdr(data, schema.TF_TYPE).transforms]
+    together = store.serialize_cdr(store.types[schema.TF_TYPE](transforms), schema.TF_TYPE)
+    return messages[0][0], messages[0][1], [bytes(together)]
+
+
 def pose_messages(poses: PoseColumns | None) -> Messages | None:
     """Poses as PoseStamped messages."""
     if poses is None:
@@ -59,8 +71,8 @@ def _filled(rows: cdr.Rows, poses: PoseColumns) -> Messages:
     return poses.stamps, poses.sequences, cdr.pack(rows)
 
 
-def scan_messages(scans: ScanColumns) -> Messages:
-    """The scans as LaserScan messages."""
+def scan_messages(scans: ScanColumns, scan_time: float = 0.0) -> Messages:
+    """The scans as LaserScan messages, ``scan_time`` seconds from one to the next (0: unknown)."""
     beams = scans.ranges.shape[1]
     rows = cdr.blank(len(scans), cdr.LASER_SCAN, {"ranges": beams}, frame_id=scans.frame)
     cdr.set_stamps(rows, scans.stamps)
@@ -68,6 +80,8 @@ def scan_messages(scans: ScanColumns) -> Messages:
         ("angle_min", scans.angle_min),
         ("angle_max", scans.angle_min + scans.angle_increment * (beams - 1)),
         ("angle_increment", scans.angle_increment),
+        ("time_increment", scans.time_increment),
+        ("scan_time", scan_time),
         ("range_min", scans.range_min),
         ("range_max", scans.range_max),
         ("ranges", scans.ranges),
@@ -75,6 +89,19 @@ def scan_messages(scans: ScanColumns) -> Messages:
     for name, value in values:
         rows[name] = value
     return scans.stamps, scans.sequences, cdr.pack(rows)
+
+
+def gyroscope_messages(gyroscope: GyroscopeColumns | None) -> Messages | None:
+    """The turn rates as Imu messages, which say that they know neither orientation nor acceleration."""
+    if gyroscope is None:
+        return None
+    rows = cdr.blank(len(gyroscope.stamps), cdr.IMU, frame_id=gyroscope.frame)
+    cdr.set_stamps(rows, gyroscope.stamps)
+    rows["orientation"][:, 3] = 1.0
+    rows["angular_velocity"][:, 2] = gyroscope.rates
+    for name in ("orientation_covariance", "linear_acceleration_covariance"):
+        rows[name][:, 0] = -1.0  # by this the message says: not measured
+    return gyroscope.stamps, np.arange(len(gyroscope.stamps)), cdr.pack(rows)
 
 
 def map_message(grid: OccupancyGrid, stamp: int) -> Messages:

@@ -10,7 +10,8 @@ topic           type                          what it says
 /scan           sensor_msgs/LaserScan         ranges in metres, as measured, in the frame ``laser``
 /odom           nav_msgs/Odometry             base_link in ``odom``; from raw logs also one for every scan, at its stamp
 /tf             tf2_msgs/TFMessage            the same as transforms
-/tf_static      tf2_msgs/TFMessage            base_link -> laser (latched)
+/tf_static      tf2_msgs/TFMessage            base_link -> laser, and base_link -> imu where there is one (latched)
+/imu            sensor_msgs/Imu               turn rates of a gyroscope, where there is one, in the frame ``imu``
 /map            nav_msgs/OccupancyGrid        the map, in steps of 1 % (latched)
 /laser_pose     geometry_msgs/PoseStamped     the laser in ``odom``, where the source says it of its own
 /ground_truth   geometry_msgs/PoseStamped     base_link in ``map``, where known
@@ -45,6 +46,7 @@ TF_STATIC: Final = "/tf_static"
 MAP: Final = "/map"
 LASER_POSE: Final = "/laser_pose"
 GROUND_TRUTH: Final = "/ground_truth"
+IMU: Final = "/imu"
 VIEW_TF: Final = "/view/tf"  # map and odometry side by side: nothing that is known of the robot
 VIEW_ROBOT: Final = "/view/robot"
 VIEW_PATH: Final = "/view/path"
@@ -59,6 +61,7 @@ TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 GRID_TYPE: Final = "nav_msgs/msg/OccupancyGrid"
 POSE_TYPE: Final = "geometry_msgs/msg/PoseStamped"
 CLOUD_TYPE: Final = "sensor_msgs/msg/PointCloud2"
+IMU_TYPE: Final = "sensor_msgs/msg/Imu"
 
 TYPES: Final = {
     SCAN: LASER_SCAN_TYPE,
@@ -68,6 +71,7 @@ TYPES: Final = {
     MAP: GRID_TYPE,
     LASER_POSE: POSE_TYPE,
     GROUND_TRUTH: POSE_TYPE,
+    IMU: IMU_TYPE,
     VIEW_TF: TF_TYPE,
     VIEW_ROBOT: CLOUD_TYPE,
     VIEW_PATH: CLOUD_TYPE,
@@ -99,6 +103,7 @@ MAP_FRAME: Final = "map"
 ODOM_FRAME: Final = "odom"
 BASE_FRAME: Final = "base_link"
 LASER_FRAME: Final = "laser"
+IMU_FRAME: Final = "imu"
 VIEW_FRAME: Final = "view"
 TRUE_FRAME: Final = "true_base_link"
 

@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from pipeline import __version__
 from pipeline.geometry import Pose
 from pipeline.logs import schema
-from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.display import display_messages
 from pipeline.logs.encode import (
     Messages,
+    gyroscope_messages,
     map_message,
     odometry_messages,
     pose_messages,
     scan_messages,
-    static_message,
+    static_messages,
     transform_messages,
 )
 from pipeline.logs.messages import Trajectory
@@ -37,23 +38,30 @@ def write_log(
     grid: OccupancyGrid | None = None,
     ground_truth: Trajectory | None = None,
     laser_poses: PoseColumns | None = None,
+    gyroscope: GyroscopeColumns | None = None,
+    scan_time: float = 0.0,
     metadata: Mapping[str, Mapping[str, str]] | None = None,
     attachments: Mapping[str, bytes] | None = None,
 ) -> None:
     """Writes scans, odometry (once more as /tf), the laser's pose in base_link, and what else is known.
 
-    ``laser_pose``: in the plane, or a 4x4 matrix where the laser hangs upside down. Stamps must not be negative. The
-    file appears under its name when it is complete; a file that was there before survives a failure. Raises MclError if
-    it cannot be written.
+    ``laser_pose``: in the plane, or a 4x4 matrix where the laser hangs upside down. ``gyroscope``: its frame, if it
+    has one, is written as lying at the centre of base_link. ``scan_time``: seconds from scan to scan, 0 if unknown.
+    Stamps must not be negative. The file appears under its name when it is complete; a file that was there before
+    survives a failure. Raises MclError if it cannot be written.
     """
     start = int(min(scans.stamps.min(), odometry.stamps.min()))
     truth = _truth_columns(ground_truth)
+    frames: dict[str, Pose | NDArray[np.float64]] = {scans.frame: laser_pose}
+    if gyroscope is not None and gyroscope.frame != odometry.child_frame:
+        frames[gyroscope.frame] = (0.0, 0.0, 0.0)
     topics: dict[str, Messages | None] = {
         schema.MAP: None if grid is None else map_message(grid, start),
-        schema.TF_STATIC: static_message(scans.frame, odometry.child_frame, laser_pose, start),
+        schema.TF_STATIC: static_messages(frames, odometry.child_frame, start),
         schema.ODOMETRY: odometry_messages(odometry),
         schema.TF: transform_messages(odometry),
-        schema.SCAN: scan_messages(scans),
+        schema.SCAN: scan_messages(scans, scan_time),
+        schema.IMU: gyroscope_messages(gyroscope),
         schema.LASER_POSE: pose_messages(laser_poses),
         schema.GROUND_TRUTH: pose_messages(truth),
         **display_messages(odometry, grid, truth, start=start, first_scan=int(scans.stamps.min())),

@@ -6,9 +6,22 @@ from pathlib import Path
 
 from pipeline.errors import MclError
 from pipeline.simulate.building import Building, load_building
-from pipeline.simulate.simulation import SimulationReport, simulate
+from pipeline.simulate.files import Format, SimulationReport, chosen_format, output_names, simulate
+from pipeline.simulate.simulation import Simulated, simulate_log
 
-__all__ = ["SAMPLE_SEED", "Building", "SimulationReport", "load_building", "sample_dir", "simulate"]
+__all__ = [
+    "SAMPLE_SEED",
+    "Building",
+    "Format",
+    "Simulated",
+    "SimulationReport",
+    "chosen_format",
+    "load_building",
+    "output_names",
+    "sample_dir",
+    "simulate",
+    "simulate_log",
+]
 
 SAMPLE_SEED = 16833
 

@@ -13,9 +13,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from pipeline.errors import MclError
+from pipeline.geometry import Pose
 
 Point = tuple[float, float]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -140,15 +143,80 @@ class Robot(Part):
 
 
 class Laser(Part):
-    """180 beams over 180 degrees, 0.25 m ahead of the robot's centre, as the raw format has it; and their noise."""
+    """A planar range finder and its noise; by default that of the raw format: 180 beams, 0.25 m ahead of the centre.
 
-    rate: Positive = Field(default=5.0, description="Scans per second.")
+    Beam k looks ``angle_min + k * angle_increment`` (rad) from the laser's x axis, counter-clockwise as the laser sees
+    it, and is measured ``k * time_increment`` (s) after the stamp of its scan.
+    """
+
+    beams: Annotated[int, Field(ge=2, le=20_000)] = 180
+    field_of_view_deg: Annotated[float, Field(gt=0.0, le=360.0)] | None = Field(
+        default=None,
+        description="From first to last beam, or 360: a whole turn. Else beams part the 180 degrees from -90 on.",
+    )
+    pose: tuple[float, float, float] = Field(
+        default=(0.25, 0.0, 0.0), description="On the robot: x, y (m), yaw (degrees)."
+    )
+    upside_down: bool = Field(default=False, description="Mounted so, beams turn clockwise as seen from above.")
+    rate: Annotated[float, Field(gt=0.0, le=200.0)] = Field(default=5.0, description="Scans per second.")
+    time_increment: NonNegative = Field(default=0.0, description="Seconds from beam to beam; 0 is all at once.")
     max_range: Annotated[float, Field(gt=0.0, lt=81.9)] = Field(
         default=50.0, description="Nothing returns from farther off."
     )
     sigma: NonNegative = Field(default=0.015, description="Standard deviation of a range.")
     random: Fraction = Field(default=0.002, description="Share of readings that mean nothing.")
-    missing: Fraction = Field(default=0.003, description="Share of readings without return.")
+    missing: Fraction = Field(default=0.003, description="Share of readings without return: infinity.")
+    invalid: Fraction = Field(default=0.0, description="Share of readings that are no numbers: NaN.")
+
+    @model_validator(mode="after")
+    def _has_time(self) -> Laser:
+        if self.duration * self.rate > 1.0:
+            raise ValueError(
+                f"the beams of a scan take {self.duration:.3g} s, longer than from scan to scan ({1 / self.rate:.3g} s)"
+            )
+        return self
+
+    @property
+    def angle_min(self) -> float:
+        """Direction of the first beam in the laser's own frame, rad."""
+        return math.radians(-90.0 if self.field_of_view_deg is None else -self.field_of_view_deg / 2)
+
+    @property
+    def angle_increment(self) -> float:
+        """From beam to beam in the laser's own frame, rad."""
+        return math.radians(self._step_deg)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first beam of a scan to its last."""
+        return self.time_increment * (self.beams - 1)
+
+    @property
+    def mount(self) -> Pose:
+        """The laser in base_link as seen from above: m, m, rad."""
+        return self.pose[0], self.pose[1], math.radians(self.pose[2])
+
+    @property
+    def bearings(self) -> NDArray[np.float64]:
+        """Directions (beams,) of the beams as they are measured, rad from the laser's x axis, as seen from above."""
+        first = -90.0 if self.field_of_view_deg is None else -self.field_of_view_deg / 2
+        angles = np.deg2rad(np.arange(self.beams) * self._step_deg + first)
+        return -angles if self.upside_down else angles
+
+    @property
+    def _step_deg(self) -> float:
+        if self.field_of_view_deg is None:
+            return 180.0 / self.beams
+        whole = self.field_of_view_deg == 360.0  # then the last beam must not look where the first does
+        return self.field_of_view_deg / (self.beams if whole else self.beams - 1)
+
+
+class Imu(Part):
+    """A gyroscope at the robot's centre: what it says of the turn rate is off by noise and by a bias."""
+
+    rate: Annotated[float, Field(gt=0.0, le=1000.0)] = Field(default=100.0, description="Readings per second.")
+    noise: NonNegative = Field(default=0.005, description="Standard deviation of a reading, rad/s.")
+    bias: float = Field(default=0.0, description="What it reads when nothing turns, rad/s.")
 
 
 class Odometry(Part):
@@ -191,6 +259,7 @@ class Building(Part):
     robot: Robot
     laser: Laser = Laser()
     odometry: Odometry = Odometry()
+    imu: Imu | None = None
 
     @model_validator(mode="after")
     def _stands_on_the_map(self) -> Building:

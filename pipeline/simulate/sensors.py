@@ -6,15 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.geometry import between, compose
-from pipeline.simulate.building import Laser, Odometry
-from pipeline.simulate.rays import disc_hits, segment_hits
+from pipeline.simulate.building import Imu, Laser, Odometry
+from pipeline.simulate.rays import disc_hits, nearest_segments, segment_hits
 from pipeline.simulate.world import World
 
 Array = NDArray[np.float64]
 
-BEAMS = 180
-LASER_POSE = (0.25, 0.0, 0.0)  # in base_link
-BEAM_ANGLES = np.deg2rad(np.arange(BEAMS) - 90.0)
 STANDS_STILL = 1e-6  # metres: less travel than this has no direction
 
 
@@ -53,25 +50,36 @@ def decompose(motion: Array) -> tuple[Array, Array, Array]:
     return rotation1, sign * distance, turn - rotation1
 
 
-def true_ranges(world: World, people: Array, origin: Array, angles: Array, seen: NDArray[np.bool_]) -> Array:
-    """Exact distance from ``origin`` (2,) to what stops a ray in each of the directions ``angles`` (n,).
+def measure_turn_rates(yaw_before: Array, yaw_after: Array, imu: Imu, rng: np.random.Generator) -> Array:
+    """What a gyroscope says, rad/s (n,), of turns from ``yaw_before`` to ``yaw_after`` (n,) rad, a period apart."""
+    rates = (yaw_after - yaw_before) * imu.rate
+    return np.asarray(rates + imu.bias + imu.noise * rng.standard_normal(len(rates)))
 
-    ``people`` (p, 3) discs; ``seen`` (n, g): whether the ray, should it meet pane g, returns from it.
-    Metres, inf where nothing stops the ray.
+
+def true_ranges(world: World, people: Array, origin: Array, angles: Array, seen: NDArray[np.bool_]) -> Array:
+    """Exact distance from ``origin`` (2,) or (n, 2) to what stops a ray in each of the directions ``angles`` (n,).
+
+    ``people``: discs (p, 3), or (n, p, 3) where they are when each ray is measured; ``seen`` (n, g): whether the ray,
+    should it meet pane g, returns from it. Metres, inf where nothing stops the ray.
     """
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     panes = np.where(seen, segment_hits(origin, directions, world.panes), np.inf)
-    solid = segment_hits(origin, directions, world.edges)
-    discs = disc_hits(origin, directions, np.concatenate([world.discs, people]))
-    return np.asarray(np.concatenate([panes, solid, discs], axis=1).min(axis=1, initial=np.inf))
+    ranges = [nearest_segments(origin, angles, world.edges)]
+    for hits in (panes, disc_hits(origin, directions, world.discs), disc_hits(origin, directions, people)):
+        ranges.append(hits.min(axis=1, initial=np.inf))
+    return np.asarray(np.min(ranges, axis=0))
 
 
-def measure_ranges(world: World, people: Array, pose: Array, noise: Laser, rng: np.random.Generator) -> Array:
-    """One scan from the robot's centre at ``pose`` (3,): 180 ranges in metres, right to left, inf = no return."""
-    origin = compose(pose, LASER_POSE)
-    seen = rng.random((BEAMS, len(world.panes))) < world.seen
-    error, kind, anywhere = rng.standard_normal(BEAMS), rng.random(BEAMS), rng.random(BEAMS)
-    ranges = true_ranges(world, people, origin[:2], origin[2] + BEAM_ANGLES, seen)
-    ranges = np.maximum(ranges + noise.sigma * error, 0.01)
-    ranges = np.where(kind < noise.random, anywhere * noise.max_range, ranges)
-    return np.where((kind >= 1.0 - noise.missing) | (ranges > noise.max_range), np.inf, ranges)
+def measure_ranges(world: World, people: Array, pose: Array, laser: Laser, rng: np.random.Generator) -> Array:
+    """One scan from the robot's centre at ``pose``: ranges (beams,) in metres as they are measured, inf = no return.
+
+    ``pose`` (3,) and ``people`` (p, 3), or, where they move while the scan is measured, one row for every beam:
+    (beams, 3) and (beams, p, 3).
+    """
+    origin = compose(pose, laser.mount)
+    seen = rng.random((laser.beams, len(world.panes))) < world.seen
+    error, kind, anywhere = rng.standard_normal(laser.beams), rng.random(laser.beams), rng.random(laser.beams)
+    ranges = true_ranges(world, people, origin[..., :2], origin[..., 2] + laser.bearings, seen)
+    ranges = np.maximum(ranges + laser.sigma * error, 0.01)
+    ranges = np.where(kind < laser.random, anywhere * laser.max_range, ranges)
+    return np.where((kind >= 1.0 - laser.missing) | (ranges > laser.max_range), np.inf, ranges)

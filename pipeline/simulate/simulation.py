@@ -1,87 +1,130 @@
-"""A drive through a made-up building, written as somebody's raw log and map, with the truth beside it."""
+"""A drive through a made-up building as a log in memory, with the truth beside it: no file is read or written."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.beesoft import write_beesoft
-from converters.cmu_text import NO_RETURN_CM, CmuLog, write_log_text
+from pipeline import __version__
 from pipeline.geometry import between, compose, wrap_angle
-from pipeline.logs.messages import Trajectory
-from pipeline.logs.tum import write_tum
+from pipeline.logs import schema
+from pipeline.logs.columns import GyroscopeColumns
+from pipeline.logs.messages import Laser, Log, Trajectory
+from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.simulate.building import Building
-from pipeline.simulate.drive import drive, interpolate
+from pipeline.simulate.drive import Drive, drive, interpolate
 from pipeline.simulate.mapping import draw_map
-from pipeline.simulate.sensors import LASER_POSE, measure_odometry, measure_ranges
+from pipeline.simulate.sensors import measure_odometry, measure_ranges, measure_turn_rates
 from pipeline.simulate.world import build_world, people_at
 
 Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
 
+FORMAT = "simulated"  # what mcl:source says of such a log
 MICROSECOND = 1000  # nanoseconds: the raw format's stamps have six decimals
 JITTER = 0.05  # standard deviation of the time between two readings, as a share of it
 
 
 @dataclass(frozen=True)
-class SimulationReport:
-    """What a simulation wrote, and how hard it is: metres, seconds, radians.
+class Simulated:
+    """What a robot measured while it drove through a building, and what is true.
 
-    ``odometry_error`` and ``odometry_yaw_error``: how far odometry, set right at the first scan, is off at the last.
+    ``log``: as ``read_log`` would give it of the .mcap that holds the same, with map and ground truth. ``motion``: the
+    true motion at all times. ``odometry_stamps`` (m,) ns and ``odometry`` (m, 3), m and rad with unwrapped yaw: every
+    reading of the wheels; ``scan_odometry`` (n, 3): the same at the scans' stamps. ``ranges`` (n, beams) float64 m:
+    the beams as they were measured, inf = no return, NaN = no number. ``gyroscope``: its readings, if there is one.
     """
 
-    log: Path
-    map: Path
-    ground_truth: Path
+    building: Building
     seed: int
-    scans: int
-    duration: float
-    distance: float
-    odometry_error: float
-    odometry_yaw_error: float
+    log: Log
+    motion: Drive
+    odometry_stamps: Stamps
+    odometry: Array
+    scan_odometry: Array
+    ranges: Array
+    gyroscope: GyroscopeColumns | None
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map that somebody made of the building."""
+        assert self.log.grid is not None
+        return self.log.grid
+
+    @property
+    def ground_truth(self) -> Trajectory:
+        """Where the robot's centre was at the stamps of the scans."""
+        assert self.log.ground_truth is not None
+        return self.log.ground_truth
+
+    @property
+    def odometry_errors(self) -> tuple[float, float]:
+        """How far odometry, set right at the first scan, is off at the last: m, rad."""
+        truth = self.ground_truth.poses
+        x, y, yaw = compose(truth[0], between(self.scan_odometry[0], self.scan_odometry[-1])) - truth[-1]
+        return float(np.hypot(x, y)), abs(float(wrap_angle(yaw)))
 
 
-def simulate(building: Building, out_dir: Path, seed: int) -> SimulationReport:
-    """Writes NAME.log.gz (O and L lines), NAME.dat.gz (a beesoft map) and NAME_truth.tum (the centre at every scan).
+def simulate_log(building: Building, seed: int = 0) -> Simulated:
+    """Drives through the building: the same building and seed give the same numbers.
 
-    NAME is the building's. The same building and seed give the same text. Raises MclError for a
-    building that cannot stand and for a drive that never ends.
+    Raises MclError for a building that cannot stand and for a drive that never ends.
     """
-    # One stream of random numbers each, so that a change to one part leaves the others as they were.
-    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
-    clock, wheels, scan_clock, beams, survey = streams
+    # One stream of random numbers each, so that a change to one part leaves the others as they were; new ones are last.
+    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(8)]
+    clock, wheels, scan_clock, beams, survey, gyroscope_clock, gyroscope_noise, lost = streams
+    laser = building.laser
     motion = drive(building.robot)
     grid = draw_map(building, build_world(building, mapped=True), survey)
 
     end = float(motion.times[-1])
-    scan_stamps = _ticks(0.02, end, building.laser.rate, scan_clock)
-    # Odometry goes on past the last scan, so that every scan's pose lies between two readings.
-    stamps = _ticks(0.0, end + 2.0 / building.odometry.rate, building.odometry.rate, clock)
+    scan_stamps = _ticks(0.02, end, laser.rate, scan_clock)
+    # Odometry goes on past the last beam, so that every scan's pose lies between two readings.
+    stamps = _ticks(0.0, end + laser.duration + 2.0 / building.odometry.rate, building.odometry.rate, clock)
     odometry = measure_odometry(motion.at(stamps / 1e9), building.odometry, wheels)
     scan_odometry = interpolate(scan_stamps / 1e9, stamps / 1e9, odometry)
     truth = motion.at(scan_stamps / 1e9)
-    ranges = _scans(building, scan_stamps, truth, beams)
+    ranges = _scans(building, scan_stamps, motion, beams)
+    if laser.invalid:
+        ranges[lost.random(ranges.shape) < laser.invalid] = np.nan
+    gyroscope = _gyroscope(building, motion, gyroscope_clock, gyroscope_noise)
 
-    out_dir.mkdir(parents=True, exist_ok=True)
-    report = SimulationReport(
-        log=out_dir / f"{building.name}.log.gz",
-        map=out_dir / f"{building.name}.dat.gz",
-        ground_truth=out_dir / f"{building.name}_truth.tum",
-        seed=seed,
-        scans=len(scan_stamps),
-        duration=end,
-        distance=motion.length,
-        **_odometry_errors(truth, scan_odometry),
+    sweeps = None
+    if laser.time_increment:
+        last = interpolate(scan_stamps / 1e9 + laser.duration, stamps / 1e9, odometry)
+        sweeps = between(scan_odometry, last)
+    digest = hashlib.sha256(f"{building.model_dump_json()}\n{seed}".encode()).hexdigest()
+    above, seen_from_above = _right_way_up(building, ranges)
+    log = Log(
+        name=building.name,
+        path=Path(f"{building.name}.mcap"),
+        sha256=digest,
+        laser=above,
+        stamps=scan_stamps,
+        odometry=_wrapped(scan_odometry),
+        ranges=seen_from_above,
+        grid=grid,
+        ground_truth=Trajectory(scan_stamps, _wrapped(truth)),
+        metadata={
+            schema.SOURCE: {
+                "format": FORMAT,
+                "converter": f"mcl-replay {__version__}",
+                "building": building.name,
+                "seed": str(seed),
+                "sha256": digest,  # of the description and the seed
+            }
+        },
+        sweeps=sweeps,
+        turns=None if gyroscope is None else _turns(gyroscope, scan_stamps),
     )
-    write_log_text(report.log, _raw_log(stamps, odometry, scan_stamps, scan_odometry, ranges))
-    write_beesoft(report.map, grid)
-    write_tum(report.ground_truth, Trajectory(scan_stamps, np.column_stack([truth[:, :2], wrap_angle(truth[:, 2])])))
-    return report
+    return Simulated(building, seed, log, motion, stamps, odometry, scan_odometry, ranges, gyroscope)
 
 
-def _ticks(start: float, end: float, rate: float, rng: np.random.Generator) -> NDArray[np.int64]:
+def _ticks(start: float, end: float, rate: float, rng: np.random.Generator) -> Stamps:
     """Stamps (n,) in ns from ``start`` to ``end`` (s), ``rate`` a second, never quite evenly."""
     count = int((end - start) * rate * 1.2) + 16
     intervals = np.maximum(rng.normal(1.0, JITTER, count), 0.2) / rate
@@ -89,40 +132,48 @@ def _ticks(start: float, end: float, rate: float, rng: np.random.Generator) -> N
     return np.rint(seconds[seconds <= end] * 1e6).astype(np.int64) * MICROSECOND
 
 
-def _scans(building: Building, stamps: NDArray[np.int64], truth: Array, rng: np.random.Generator) -> Array:
-    """Ranges (n, 180) in metres, inf = no return."""
-    world = build_world(building, mapped=False)
+def _scans(building: Building, stamps: Stamps, motion: Drive, rng: np.random.Generator) -> Array:
+    """Ranges (n, beams) in metres in the order in which they are measured, inf = no return."""
+    world, laser = build_world(building, mapped=False), building.laser
+    times = stamps / 1e9
+    if laser.time_increment:
+        times = times[:, None] + laser.time_increment * np.arange(laser.beams)
     return np.stack(
-        [
-            measure_ranges(world, people_at(building.people, stamp / 1e9), pose, building.laser, rng)
-            for stamp, pose in zip(stamps.tolist(), truth, strict=True)
-        ]
+        [measure_ranges(world, people_at(building.people, when), motion.at(when), laser, rng) for when in times]
     )
 
 
-def _raw_log(
-    stamps: NDArray[np.int64], odometry: Array, scan_stamps: NDArray[np.int64], scan_odometry: Array, ranges: Array
-) -> CmuLog:
-    """Both kinds of lines in the order of time, in the raw format's centimetres."""
-    times = np.concatenate([stamps, scan_stamps])
-    order = np.argsort(times, kind="stable")
-    is_scan = np.arange(len(times)) >= len(stamps)
-    return CmuLog(
-        lines=np.arange(1, len(times) + 1),
-        is_scan=is_scan[order],
-        stamps=times[order],
-        poses=_raw_poses(np.concatenate([odometry, scan_odometry])[order]),
-        laser_poses=_raw_poses(compose(scan_odometry, LASER_POSE)),
-        ranges=np.where(np.isinf(ranges), NO_RETURN_CM, np.rint(ranges * 100.0)),
-    )
+def _gyroscope(
+    building: Building, motion: Drive, clock: np.random.Generator, noise: np.random.Generator
+) -> GyroscopeColumns | None:
+    """Mean turn rates over the periods around the stamps, which is what such an instrument tells."""
+    imu = building.imu
+    if imu is None:
+        return None
+    end = float(motion.times[-1]) + building.laser.duration + 2.0 / imu.rate
+    stamps = _ticks(0.0, end, imu.rate, clock)
+    before, after = (motion.at(stamps / 1e9 + side * 0.5 / imu.rate)[:, 2] for side in (-1.0, 1.0))
+    return GyroscopeColumns(stamps, measure_turn_rates(before, after, imu, noise), schema.IMU_FRAME)
 
 
-def _raw_poses(poses: Array) -> Array:
-    # Adding 0.0 turns a negative zero, which would be written with its sign, into zero.
-    return np.column_stack([poses[:, :2] * 100.0, wrap_angle(poses[:, 2])]).round(6) + 0.0
+def _turns(gyroscope: GyroscopeColumns, stamps: Stamps) -> Array:
+    """The heading (n,) rad at ``stamps`` by the gyroscope's rates, 0 at its first reading."""
+    times, rates = gyroscope.stamps / 1e9, gyroscope.rates
+    heading = np.concatenate([[0.0], np.cumsum(np.diff(times) * (rates[:-1] + rates[1:]) / 2)])
+    return np.interp(stamps / 1e9, times, heading)
 
 
-def _odometry_errors(truth: Array, odometry: Array) -> dict[str, float]:
-    dead_reckoned = compose(truth[0], between(odometry[0], odometry[-1]))
-    x, y, yaw = dead_reckoned - truth[-1]
-    return {"odometry_error": float(np.hypot(x, y)), "odometry_yaw_error": abs(float(wrap_angle(yaw)))}
+def _right_way_up(building: Building, ranges: Array) -> tuple[Laser, NDArray[np.float32]]:
+    """The laser and its ranges with beams that go counter-clockwise as seen from above, as every Log has them."""
+    laser = building.laser
+    first, increment, readings = laser.angle_min, laser.time_increment, ranges.astype(np.float32)
+    if laser.upside_down:
+        first = -(laser.angle_min + (laser.beams - 1) * laser.angle_increment)
+        increment, readings = -increment, np.ascontiguousarray(readings[:, ::-1])
+    x, y, yaw = laser.mount
+    pose = (x, y, float(wrap_angle(yaw)))
+    return Laser(pose, first, laser.angle_increment, laser.beams, 0.0, laser.max_range, increment), readings
+
+
+def _wrapped(poses: Array) -> Array:
+    return np.column_stack([poses[:, :2], wrap_angle(poses[:, 2])])

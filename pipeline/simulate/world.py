@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.errors import MclError
 from pipeline.simulate.building import Building, Door, Furniture, Glass, Opening, Person, Point
@@ -64,17 +64,22 @@ def build_world(building: Building, *, mapped: bool) -> World:
     )
 
 
-def people_at(people: Iterable[Person], time: float) -> Array:
-    """Where the people are at ``time`` (s): (p, 3) discs x, y, radius in m."""
-    return _rows([(*_walked(person, time), person.radius) for person in people], 3)
+def people_at(people: Sequence[Person], times: ArrayLike) -> Array:
+    """Where the people are at ``times`` (...,) s: discs (..., p, 3) x, y, radius in m."""
+    times = np.asarray(times, dtype=np.float64)
+    discs = np.empty((*times.shape, len(people), 3))
+    for i, person in enumerate(people):
+        discs[..., i, 0], discs[..., i, 1] = _walked(person, times)
+        discs[..., i, 2] = person.radius
+    return discs
 
 
-def _walked(person: Person, time: float) -> Point:
+def _walked(person: Person, times: Array) -> tuple[Array, Array]:
     path = np.asarray(person.path)
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    walked = person.speed * max(time - person.start, 0.0) % (2.0 * lengths[-1])
-    at = min(walked, 2.0 * lengths[-1] - walked)  # to and fro
-    return float(np.interp(at, lengths, path[:, 0])), float(np.interp(at, lengths, path[:, 1]))
+    walked = person.speed * np.maximum(times - person.start, 0.0) % (2.0 * lengths[-1])
+    at = np.minimum(walked, 2.0 * lengths[-1] - walked)  # to and fro
+    return np.interp(at, lengths, path[:, 0]), np.interp(at, lengths, path[:, 1])
 
 
 def _walls(building: Building) -> list[Stroke]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.filter.motion_model import ON_THE_SPOT, odometry_motion
+from pipeline.motion.wheels import ON_THE_SPOT, odometry_motion
 from pipeline.geometry import between, wrap_angle
 from pipeline.tune.em import Array
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Config
-from pipeline.filter.motion_model import odometry_motion
+from pipeline.motion.wheels import odometry_motion
 from pipeline.filter.rivals import APART_D, EACH, Rivals, same_place
 from pipeline.filter.sensor import Sensor
 from pipeline.geometry import compose

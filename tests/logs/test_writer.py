@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from ruamel.yaml import YAML
 
 from pipeline.errors import MclError
 from pipeline.logs import schema
-from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.reader import read_log
 from pipeline.logs.writer import pack_grid, unpack_grid, write_log
@@ -37,7 +39,8 @@ def write(path: Path, **options: object) -> Path:
 
 
 def test_the_file_keeps_the_contract(tmp_path: Path) -> None:
-    with write(tmp_path / "a.mcap").open("rb") as file:
+    gyroscope = GyroscopeColumns(STAMPS, np.array([0.1, -0.2, 0.3]))
+    with write(tmp_path / "a.mcap", gyroscope=gyroscope).open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
         summary = reader.get_summary()
@@ -53,7 +56,7 @@ def test_the_file_keeps_the_contract(tmp_path: Path) -> None:
             once = topic in ("/map", "/tf_static") or (topic.startswith("/view/") and not topic.endswith("tf"))
             assert qos["durability"] == (1 if once else 2)
             assert qos["reliability"] == 1
-        assert summary.statistics.message_count == 2 + 5 * 3 + (2 + 2 + 3 + 2)
+        assert summary.statistics.message_count == 2 + 6 * 3 + (2 + 2 + 3 + 2)
         assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
         times = [message.log_time for _, _, message in reader.iter_messages(log_time_order=False)]
         assert times == sorted(times)
@@ -75,6 +78,31 @@ def test_rosbags_reads_every_message(tmp_path: Path) -> None:
     drawn = found["/map"][0]
     assert drawn.data.tolist() == [-1, 25, 0, 100, 100, 50]  # type: ignore[attr-defined]
     assert (drawn.info.width, drawn.info.height) == (3, 2)  # type: ignore[attr-defined]
+
+
+def test_a_scans_times_and_a_gyroscopes_turn_rates_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    timed = replace(scans(), time_increment=0.001)
+    gyroscope = GyroscopeColumns(STAMPS, np.array([0.1, -0.2, 0.3]), "imu")
+    write_log(path, timed, odometry(), (0.3, -0.1, 0.2), gyroscope=gyroscope, scan_time=0.25)
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        for kind, channel, message in make_reader(file).iter_messages():
+            assert kind is not None
+            decoded = STORE.deserialize_cdr(message.data, kind.name)
+            assert bytes(STORE.serialize_cdr(decoded, kind.name)) == message.data
+            found.setdefault(channel.topic, []).append(decoded)
+    assert [m.time_increment for m in found["/scan"]] == [np.float32(0.001)] * 3
+    assert [m.scan_time for m in found["/scan"]] == [0.25] * 3
+    assert [m.angular_velocity.z for m in found["/imu"]] == [0.1, -0.2, 0.3]
+    assert [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in found["/imu"]] == STAMPS.tolist()
+    assert {m.header.frame_id for m in found["/imu"]} == {"imu"}
+    assert found["/imu"][0].orientation_covariance[0] == found["/imu"][0].linear_acceleration_covariance[0] == -1.0
+    (static,) = found["/tf_static"]
+    places = {t.child_frame_id: t.transform.translation.x for t in static.transforms}
+    assert places == {"laser": 0.3, "imu": 0.0}
+    assert {t.header.frame_id for t in static.transforms} == {"base_link"}
+    np.testing.assert_allclose(read_log(path).laser.pose, (0.3, -0.1, 0.2), atol=1e-12)
 
 
 def test_everything_is_read_back(tmp_path: Path) -> None:

@@ -36,6 +36,8 @@ def test_values_and_defaults_are_read(tmp_path: Path) -> None:
     assert building.doors[0].mapped_open_deg is None
     assert building.robot.legs[0].to == (6.0, 4.0)
     assert building.laser.rate == 5.0
+    assert building.laser.beams == 180
+    assert building.imu is None
 
 
 @pytest.mark.parametrize(
@@ -56,6 +58,35 @@ def test_mistakes_are_told_with_their_line(tmp_path: Path, good: str, bad: str, 
     with pytest.raises(MclError) as caught:
         load(tmp_path, GOOD.replace(good, bad))
     assert caught.value.line == line
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ("laser: {beams: 0}", "laser.beams: Input should be greater than or equal to 2, got 0"),
+        ("laser: {beams: 180.5}", "laser.beams: Input should be a valid integer"),
+        (
+            "laser: {field_of_view_deg: 400}",
+            "laser.field_of_view_deg: Input should be less than or equal to 360, got 400",
+        ),
+        ("laser: {field_of_view: 270}", "unknown key 'laser.field_of_view' (did you mean 'field_of_view_deg'?)"),
+        ("laser: {pose: [0.2, 0]}", "laser.pose"),
+        ("laser: {upside_down: perhaps}", "laser.upside_down"),
+        ("laser: {rate: 0}", "laser.rate: Input should be greater than 0, got 0"),
+        ("laser: {time_increment: -0.001}", "laser.time_increment: Input should be greater than or equal to 0"),
+        ("laser: {time_increment: 0.01}", "a scan take 1.79 s, longer than from scan to scan (0.2 s)"),
+        ("laser: {invalid: 2}", "laser.invalid"),
+        ("imu: {rate: 0}", "imu.rate: Input should be greater than 0, got 0"),
+        ("imu: {noise: -1}", "imu.noise"),
+        ("imu: {bais: 1}", "unknown key 'imu.bais' (did you mean 'bias'?)"),
+    ],
+)
+def test_mistakes_in_sensors_are_told_in_one_line(tmp_path: Path, section: str, said: str) -> None:
+    with pytest.raises(MclError) as caught:
+        load(tmp_path, f"{GOOD}{section}\n")
+    assert caught.value.line == 11
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.geometry import compose, wrap_angle
 from pipeline.simulate.building import Building, Laser, Odometry
-from pipeline.simulate.sensors import BEAM_ANGLES, decompose, measure_odometry, measure_ranges, true_ranges
+from pipeline.simulate.sensors import decompose, measure_odometry, measure_ranges, true_ranges
 from pipeline.simulate.world import World, build_world
 
 NOBODY = np.empty((0, 3))
@@ -121,7 +121,7 @@ def test_laser_noise_has_the_shares_and_the_deviation_it_is_given() -> None:
     rng = np.random.default_rng(5)
     scans = np.array([measure_ranges(world, NOBODY, pose, noise, rng) for _ in range(500)])
     origin = pose[:2] + 0.25 * np.array([np.cos(0.4), np.sin(0.4)])
-    errors = scans - true_ranges(world, NOBODY, origin, 0.4 + BEAM_ANGLES, np.empty((180, 0)))
+    errors = scans - true_ranges(world, NOBODY, origin, 0.4 + noise.bearings, np.empty((180, 0)))
     good = np.abs(errors) < 0.2
     assert np.isinf(scans).mean() == pytest.approx(0.02, abs=0.003)
     # A reading that means nothing may fall on the wall by chance: a range of 0.4 m in 40 m.

@@ -28,6 +28,8 @@ def desk(journey: Journey, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (desk / "letter.txt").write_text("Dear robot,\n")
     (desk / "letter.png").write_text("Dear painter,\n")
     (desk / "building.yaml").write_bytes((sample_dir() / "building.yaml").read_bytes())
+    turned = (sample_dir() / "building.yaml").read_text().replace("laser: {", "laser: {pose: [0.25, 0, 90], ")
+    (desk / "turned.yaml").write_text(turned)
     (desk / "binary.yaml").write_bytes(bytes(range(256)))
     (desk / "office.mcap").write_bytes(journey.log.read_bytes())
     (desk / "cut.mcap").write_bytes(journey.log.read_bytes()[:20_000])
@@ -135,6 +137,7 @@ BAD_INPUT = {
     "simulate building.yaml -o letter.txt": r"letter\.txt: .*not a folder",
     f"simulate typo.yaml -o {NEW}": r"typo\.yaml:1: unknown key",
     f"simulate unclosed.yaml -o {NEW}": r"unclosed\.yaml:3: ",
+    f"simulate turned.yaml --format cmu -o {NEW}": r"turned\.yaml: .*cannot hold a laser at.*use --format mcap",
     f"export cut.mcap --raw {NEW}": r"cut\.mcap: .*cut",
     f"export letter.txt --raw {NEW}": r"letter\.txt: not an MCAP",
     "export nosuch -o new.png": r"nosuch: no such recording",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.config import Config
-from pipeline.filter.motion_model import odometry_motion
+from pipeline.motion.wheels import odometry_motion
 from pipeline.geometry import compose
 from pipeline.tune.motion import ALPHAS, SMALLEST, fit_motion, windows
 from pipeline.tune.scans import updates

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config import Config
-from pipeline.filter.motion_model import odometry_motion
+from pipeline.motion.wheels import odometry_motion
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.kernels.motion import move
 from pipeline.kernels.random import normal_quantiles, stream_key

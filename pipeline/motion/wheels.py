@@ -10,14 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.geometry import between, wrap_angle
-from pipeline.kernels.random import normal_quantiles
 
 ON_THE_SPOT = 0.01
 """Metres. The direction of a shorter drive is noise of the odometry; it must not count as two turns (as in AMCL)."""
-
-
-Move = tuple[float, float, float, float, float, float, np.uint64, NDArray[np.float32], NDArray[np.float32]]
-"""A motion with its noise, as the kernels that move particles take it."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +47,3 @@ def odometry_motion(before: NDArray[np.float64], after: NDArray[np.float64], con
         std_trans=math.sqrt(config.alpha3 * trans**2 + config.alpha4 * (turn1**2 + turn2**2)),
         std_rot2=math.sqrt(config.alpha1 * turn2**2 + config.alpha2 * trans**2),
     )
-
-
-class MotionNoise:
-    """What turns a motion into one that every particle makes differently (Table 5.6); ``slip``: share of the drives
-    with far wider noise, while the wheels may slip."""
-
-    def __init__(self, slip: float = 0.0) -> None:
-        self._quantiles, self._slipping = normal_quantiles(), normal_quantiles(slip)
-
-    def move(self, motion: OdometryMotion, key: np.uint64, slipping: bool = False) -> Move:
-        """The motion, with noise from the stream ``key``."""
-        m, drives = motion, self._slipping if slipping else self._quantiles
-        return m.rot1, m.trans, m.rot2, m.std_rot1, m.std_trans, m.std_rot2, key, self._quantiles, drives

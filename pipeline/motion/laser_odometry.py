@@ -1,0 +1,239 @@
+"""Laser odometry: how the robot moved, told by its laser alone (PLICP, Censi 2008; local map as in kiss-icp, 2023)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.geometry import between, compose
+from pipeline.kernels import matching
+from pipeline.kernels.surfaces import surfaces
+from pipeline.logs.messages import Laser
+
+Array = NDArray[np.float64]
+
+LONGEST = 30.0
+"""m: farther readings are too few and too far apart to tell how a wall runs."""
+WINDOW, THICKNESS, SPACING = 0.2, 0.03, 0.05
+"""m: a wall's direction is that of the readings within the first; they lie on one line to within the second (RMS);
+points are kept the third apart."""
+SCALE = 0.05
+"""m: how far from its line a reading counts as off it."""
+REACH = 0.5
+"""m: a reading farther than this from every remembered wall finds none. What is farther off, a window has to find."""
+CELL, CELLS = 0.1, 512
+"""m, and their number along a side: the grid that tells the nearest remembered point. Farther walls wrap around it."""
+POINTS = 150
+"""Points of a scan that are matched, at most; key scans keep twice as many."""
+KEYS, FRESH = 24, 16
+"""Key scans that are remembered; when there are more, only the latest FRESH stay."""
+KEY_D, KEY_A = 0.25, 0.2
+"""m, rad: a scan farther than this from the last key scan becomes one."""
+FEWEST = 15
+"""Points without which a scan says nothing."""
+POOR = 0.6
+"""Fit below which a wide window is searched: right matches fit by 0.65 or more (1st percentile, docs/motion.md)."""
+BROKEN = 0.3
+"""Fit below which no match holds, and the memory of walls begins anew."""
+BETTER = 0.01
+"""By how much a later guess must fit better: where a corridor leaves its length open, all fit alike."""
+SIGMA = 0.02
+"""m: deviation of a point from its line, from which the covariance follows: chosen so that steps in exact truth and in
+three logs have NEES about 1 (docs/motion.md). It is larger than a laser's noise, since neighbours err together."""
+OPEN = 0.01
+"""A direction in which the points' normals have less than this share of their squares is open: a corridor's length."""
+ANYWHERE = 1e3
+"""m^2 or rad^2: variance in an open direction."""
+
+
+@dataclass(frozen=True)
+class Match:
+    """What one scan says of where the robot is, in the frame of laser odometry, which starts at the first scan.
+
+    ``pose`` (3,) m, m, rad; ``covariance`` (3, 3) of the pose against the remembered walls, without the drift of these;
+    ``fit``: how well the scan fits there, in [0, 1]; ``fit_as_told``: at the first guess, which is the wheels' if there
+    are wheels; ``open``: unit vector (2,) of a direction that the walls leave open, None if there is none; ``wide``:
+    found in a wide window only; ``stretch``: counts the breaks. Poses of two stretches say nothing about each other.
+    """
+
+    pose: Array
+    covariance: Array
+    fit: float
+    fit_as_told: float
+    open: Array | None
+    wide: bool
+    stretch: int
+
+
+@dataclass(frozen=True)
+class Window:
+    """Where a match is looked for when none is found near the guesses: ``half_width`` m and ``half_angle`` rad around."""
+
+    half_width: float
+    half_angle: float
+
+
+class LaserOdometry:
+    """Matches every scan to the walls that the latest key scans saw."""
+
+    def __init__(self, laser: Laser, max_range: float | None = None) -> None:
+        x, y, yaw = laser.pose
+        angles = laser.angles + yaw
+        self._beams = (np.cos(angles), np.sin(angles), x, y, min(LONGEST, 0.98 * laser.longest(max_range)))
+        self._surface = (abs(laser.angle_increment), WINDOW, THICKNESS, SPACING)
+        self._seen = np.empty((4, laser.beams), np.float32)
+        self._walls = _Walls(2 * POINTS)
+        self._pose, self._stretch = np.zeros(3), 0
+
+    @property
+    def walls(self) -> NDArray[np.float32]:
+        """(4, n) float32: the points (m) of the remembered key scans and their normals."""
+        return self._walls.points
+
+    def update(self, ranges: NDArray[np.float32], guesses: Sequence[Array], window: Window) -> Match:
+        """Match one scan (beams,) float32 m; ``guesses`` (3,) of the step since the scan before, the most trusted first.
+
+        If none of them leads to a good fit, all of the ``window`` around the first is searched.
+        """
+        n = surfaces(ranges, *self._beams, *self._surface, self._seen)
+        seen = np.ascontiguousarray(self._seen[:, : n : max(1, -(-n // POINTS))])
+        told = compose(self._pose, guesses[0])
+        if self._walls.empty or seen.shape[1] < FEWEST:
+            return self._lost(told, n)
+        found = [self._walls.match(seen, compose(self._pose, guess)) for guess in guesses]
+        best = found[0]
+        for other in found[1:]:
+            best = other if other.fit > best.fit + BETTER else best
+        wide = False
+        if best.fit < POOR:
+            for start in self._walls.search(seen, told, window):
+                other = self._walls.match(seen, start)
+                if other.fit > best.fit + BETTER:
+                    best, wide = other, True
+        as_told = self._walls.fit(seen, told)
+        if best.fit < BROKEN:
+            return self._lost(told, n)
+        covariance, way = _covariance(best.normal, seen.shape[1])
+        pose = best.pose
+        if way is not None:
+            pose = pose.copy()
+            pose[:2] += way * (way @ (told - pose)[:2])
+        self._pose = pose
+        self._walls.remember(self._seen[:, :n], pose)
+        return Match(pose, covariance, best.fit, as_told, way, wide, self._stretch)
+
+    def _lost(self, told: Array, n: int) -> Match:
+        """No match holds: go on from where the first guess leads, with no memory of what was before."""
+        self._pose, self._stretch = told, self._stretch + 1
+        self._walls.forget()
+        if n >= FEWEST:
+            self._walls.remember(self._seen[:, :n], told)
+        return Match(told, ANYWHERE * np.eye(3), 0.0, 0.0, None, False, self._stretch)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    pose: Array
+    fit: float
+    normal: Array
+
+
+class _Walls:
+    """The points of the latest key scans, and a grid that knows the nearest of them everywhere."""
+
+    def __init__(self, each: int) -> None:
+        self._each = each
+        self._points = np.empty((4, (KEYS + 1) * each), np.float32)
+        self._cells = np.full((CELLS, CELLS), -1, np.int32)
+        self._sizes: list[int] = []
+        self._key = np.zeros(3)
+
+    @property
+    def empty(self) -> bool:
+        return not self._sizes
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        return self._points[:, : sum(self._sizes)]
+
+    @property
+    def _memory(self) -> tuple[NDArray[np.float32], NDArray[np.int32], float]:
+        return self._points, self._cells, 1.0 / CELL
+
+    def match(self, seen: NDArray[np.float32], guess: Array) -> _Fit:
+        pose, normal = np.empty(3), np.empty((3, 3))
+        fit = matching.align(seen, seen.shape[1], guess, *self._memory, REACH, SCALE, pose, normal)
+        return _Fit(pose, fit, normal)
+
+    def fit(self, seen: NDArray[np.float32], pose: Array) -> float:
+        """At a pose that is not matched, and so as good as the wheels: with twice the scale."""
+        return float(matching.fit(seen, seen.shape[1], pose, *self._memory, 2.0 * SCALE))
+
+    def search(self, seen: NDArray[np.float32], centre: Array, window: Window) -> list[Array]:
+        """The best places of a window, at most four headings apart from each other."""
+        few = np.ascontiguousarray(seen[:, :: max(1, seen.shape[1] // 60)])
+        headings = max(1, math.ceil(window.half_angle / WINDOW_TURN))
+        poses, scores = np.empty((2 * headings + 1, 3)), np.empty(2 * headings + 1)
+        step = window.half_angle / headings
+        matching.sweep(
+            few, few.shape[1], centre, window.half_width, WINDOW_STEP, window.half_angle, step, *self._memory,
+            WINDOW_STEP, poses, scores,
+        )  # fmt: skip
+        best: list[int] = []
+        for row in np.argsort(-scores, kind="stable").tolist():
+            if all(abs(row - other) > 2 for other in best):
+                best.append(row)
+            if len(best) == CANDIDATES:
+                break
+        return [poses[row] for row in best]
+
+    def remember(self, seen: NDArray[np.float32], pose: Array) -> None:
+        """The scan becomes a key scan, if it is far enough from the last one."""
+        away = between(self._key, pose)
+        if self._sizes and math.hypot(away[0], away[1]) < KEY_D and abs(away[2]) < KEY_A:
+            return
+        new = seen[:, :: max(1, -(-seen.shape[1] // self._each))]
+        if len(self._sizes) == KEYS:
+            gone = sum(self._sizes[: KEYS - FRESH])
+            kept = self._points[:, gone : sum(self._sizes)].copy()
+            self._sizes = self._sizes[KEYS - FRESH :]
+            self._points[:, : kept.shape[1]] = kept
+            self._cells.fill(-1)
+            matching.enter(self._points, 0, kept.shape[1], self._cells, 1.0 / CELL, REACH)
+        first = sum(self._sizes)
+        last = first + new.shape[1]
+        matching.carry(new, pose, self._points[:, first:last])
+        matching.enter(self._points, first, last, self._cells, 1.0 / CELL, REACH)
+        self._sizes.append(new.shape[1])
+        self._key = pose
+
+    def forget(self) -> None:
+        self._sizes.clear()
+        self._cells.fill(-1)
+
+
+WINDOW_STEP, WINDOW_TURN = 0.2, math.radians(4.0)
+"""m, rad: steps of a search in a window; a match finds its way from there."""
+CANDIDATES = 4
+
+
+def _covariance(normal: Array, points: int) -> tuple[Array, Array | None]:
+    """Of a match, from its normal equations (3, 3); and the direction in which these leave it open."""
+    turns = normal[2, 2] + 1e-6
+    # What the points say of the place once the heading has had its share.
+    place = normal[:2, :2] - np.outer(normal[:2, 2], normal[2, :2]) / turns
+    strength, ways = np.linalg.eigh(place)
+    if strength[0] >= OPEN * points:
+        return SIGMA**2 * np.linalg.inv(normal), None
+    held = normal + np.diag([0.0, 0.0, 1e-6])
+    way = np.array([ways[0, 0], ways[1, 0], 0.0])
+    # In the open direction the points' word is the noise of their normals: it is taken back.
+    projection = np.eye(3) - np.outer(way, way)
+    held = projection @ held @ projection + np.outer(way, way) * SIGMA**2 / ANYWHERE
+    if strength[1] < OPEN * points:
+        return ANYWHERE * np.eye(3), way[:2]
+    return SIGMA**2 * np.linalg.inv(held), way[:2]

@@ -1,0 +1,38 @@
+"""Particles follow the motion prior: each one of its components, with noise of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.kernels import motion
+from pipeline.kernels.random import normal_quantiles
+from pipeline.motion.prior import Component, Prior
+
+
+class Mover:
+    """Moves particles by a motion prior; ``slip``: share of the drives with far wider noise, while wheels may slip."""
+
+    def __init__(self, slip: float = 0.0) -> None:
+        self._quantiles, self._slipping = normal_quantiles(), normal_quantiles(slip)
+
+    def move(self, poses: NDArray[np.float32], prior: Prior, key: np.uint64, slipping: bool = False) -> None:
+        """Poses (3, n) float32 of the grid frame make the move, in place, with noise from the stream ``key``."""
+        drives = self._slipping if slipping else self._quantiles
+        ways = np.array([_way(component) for component in prior.components], np.float32)
+        motion.move(30 * poses.shape[1], *poses, ways, way_of(prior), key, self._quantiles, drives)
+
+
+def way_of(prior: Prior) -> NDArray[np.int32]:
+    """(256,) int32: the component that a particle follows, for its eight random bits: in proportion to the shares."""
+    shares = np.array([component.share for component in prior.components])
+    upto = np.rint(np.cumsum(shares) / shares.sum() * motion.SHARES)
+    return np.searchsorted(upto, np.arange(motion.SHARES), side="right").astype(np.int32)
+
+
+def _way(component: Component) -> tuple[float, ...]:
+    """The component as ``kernels.motion.move`` takes it."""
+    if (m := component.wheels) is not None:
+        return (m.rot1, m.std_rot1, m.trans, 0.0, m.std_trans, 0.0, 0.0, 0.0, m.rot2, 0.0, 0.0, m.std_rot2)
+    (dx, dy, turn), (a, b, c) = component.step.tolist(), np.linalg.cholesky(component.covariance).tolist()
+    return (0.0, 0.0, dx, a[0], 0.0, dy, b[0], b[1], turn, c[0], c[1], c[2])

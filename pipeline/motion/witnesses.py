@@ -1,0 +1,93 @@
+"""The two witnesses of motion: what the wheels say, and what the laser says. Needs no map."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.geometry import between, compose
+from pipeline.logs.messages import Laser, Scan
+from pipeline.motion.laser_odometry import LaserOdometry, Match, Window
+
+Array = NDArray[np.float64]
+
+NEAR, WIDE = Window(1.6, math.radians(100.0)), Window(4.0, math.pi)
+"""Where a match is looked for that is not where any guess says: between two scans that follow each other, and between
+scans that are more than a SECOND apart."""
+SECOND = 1.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What is known of the motion up to one scan: poses (3,) m, m, rad, each in a frame of its own.
+
+    ``odometry``: as the wheels say, None without wheels; ``laser``: the match of the laser's odometry, None if only the
+    wheels are heard; ``turn``: heading by a gyroscope, rad, None without one; ``pose``: dead reckoning by both, which
+    starts where the odometry does; ``time``: seconds since the first scan.
+    """
+
+    time: float
+    odometry: Array | None
+    laser: Match | None
+    turn: float | None
+    pose: Array
+
+    @property
+    def laser_pose(self) -> Array:
+        """Where the laser's own odometry says that the robot is, from where it was at the first scan."""
+        return self.pose if self.laser is None else self.laser.pose
+
+
+class Witnesses:
+    """Hears the wheels and the laser at every scan; an answer depends on nothing that comes later."""
+
+    def __init__(self, laser: Laser, config: Config, wheels: bool = True) -> None:
+        self._wheels = wheels and config.odometry != "laser"
+        self._laser = (
+            LaserOdometry(laser, config.laser_max_range) if config.odometry != "wheels" or not wheels else None
+        )
+        self._last: Motion | None = None
+        self._step, self._seconds = np.zeros(3), 0.0
+
+    def update(self, scan: Scan) -> Motion:
+        """What is known once this scan is in."""
+        last, odometry = self._last, scan.odometry if self._wheels else None
+        if self._laser is None:
+            self._last = Motion(scan.time, odometry, None, scan.turn, scan.odometry)
+            return self._last
+        seconds = scan.time - last.time if last is not None else 0.0
+        guesses = self._guesses(last, odometry, scan.turn, seconds)
+        match = self._laser.update(scan.ranges, guesses, NEAR if seconds < SECOND else WIDE)
+        if last is None:
+            pose = np.array(scan.odometry, np.float64)
+        else:
+            assert last.laser is not None
+            # Where no match holds, the laser's odometry has gone on as the first guess said.
+            self._step, self._seconds = between(last.laser.pose, match.pose), seconds
+            pose = compose(last.pose, self._step)
+        self._last = Motion(scan.time, odometry, match, scan.turn, pose)
+        return self._last
+
+    @property
+    def walls(self) -> NDArray[np.float32]:
+        """(4, n) float32: what the laser's odometry remembers, in its frame: points (m) and normals; empty without it."""
+        return np.empty((4, 0), np.float32) if self._laser is None else self._laser.walls
+
+    def _guesses(self, last: Motion | None, odometry: Array | None, turn: float | None, seconds: float) -> list[Array]:
+        """Steps that the robot may have made since the scan before, the most trusted first."""
+        if last is None:
+            return [np.zeros(3)]
+        # As before: for as long as it lasts, or not at all.
+        going_on = self._step * (min(seconds / self._seconds, 3.0) if self._seconds > 0.0 else 0.0)
+        if odometry is None or last.odometry is None:
+            guesses = [going_on, np.zeros(3)]
+        else:
+            told = between(last.odometry, odometry)
+            guesses = [told, going_on, np.zeros(3), told * [-1.0, -1.0, 1.0]]
+        if turn is not None and last.turn is not None and math.isfinite(turn - last.turn):
+            guesses.insert(1, np.array([*guesses[0][:2], turn - last.turn]))
+        return guesses
