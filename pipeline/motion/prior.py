@@ -74,10 +74,7 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     disagreement = float(apart @ np.linalg.solve(seen.covariance + told.covariance, apart))
     if disagreement < AGREE:
         import os
-
-        both = _shared(
-            _fused(seen, told) if os.environ.get("FUSE") else _helped(seen, told, now.laser, before), config.laser_share
-        )
+        both = _shared(_fused(seen, told) if os.environ.get('FUSE') else _helped(seen, told, now.laser, before), config.laser_share)
         return Prior((both, _shared(told, 1.0 - config.laser_share)), disagreement)
     helped = _helped(seen, told, now.laser, before)
     return Prior((_shared(helped, 0.5), _shared(told, 0.5)), disagreement)
