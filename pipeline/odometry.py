@@ -110,7 +110,7 @@ class Judged:
 def laser_odometry(log: Log, config: Config, *, alone: bool = False, progress: Progress | None = None) -> DeadReckoning:
     """Where the robot went, by its laser and its wheels, or by its laser ``alone``. Needs no map.
 
-    ``config``: its parameters of the motion; which witnesses are heard is decided by ``alone``. A log without wheels
+    ``config``: which witnesses are heard is decided by ``alone``, whatever its ``odometry`` says. A log without wheels
     has its laser alone in any case.
     """
     from pipeline.motion.witnesses import Witnesses

@@ -226,6 +226,11 @@ def test_the_command_judges_by_relations(office: Log, tmp_path: Path, typed):
     assert told["odometries"][2]["milliseconds"] is None
 
 
+def test_a_configuration_may_ask_the_laser_alone(office: Log, typed, stretched):
+    assert json.loads(typed("odometry", office.path, "--set", "odometry=laser", "--json").stdout)["by"] == LASER
+    assert stretched.made == [("laser", False), ("both", True)]
+
+
 def test_a_log_without_truth_is_told_in_a_summary(office: Log, tmp_path: Path, typed):
     from converters import convert
     from pipeline.simulate import sample_dir

@@ -84,7 +84,8 @@ def odometry(
     opened = open_log(log, None, named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame))
     if mcap is not None and mcap.exists() and mcap.samefile(opened.path):
         raise MclError("the output is the input", "give it another name", path=mcap)
-    found = capability.laser_odometry(opened, effective, alone=laser_alone, progress=console.progress)
+    alone = laser_alone or effective.odometry == "laser"
+    found = capability.laser_odometry(opened, effective, alone=alone, progress=console.progress)
     judged: list[Judged] = []
     if truth is not None or checked is not None or opened.ground_truth is not None:
         beside = capability.reckonings_beside(opened, effective, found, console.progress)
