@@ -15,6 +15,7 @@ import hashlib
 import json
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable, Sequence
@@ -31,9 +32,12 @@ from pipeline.logs.tum import read_tum, write_tum
 from pipeline.outputs import replacing
 
 ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ("pipeline", "converters")
 MCL = [sys.executable, "-m", "pipeline.cli"]
 END = 100_000
 """s: after the end of any log."""
+GRACE = 3.0
+"""s that a command has to end by itself."""
 
 
 @dataclass(frozen=True)
@@ -152,6 +156,8 @@ def _rows() -> list[Row]:
 def main() -> int:
     """Run what is not done yet and print the table; 130 if it was stopped, 1 if a row failed."""
     asked = _asked()
+    signal.signal(signal.SIGINT, _stop)  # also where whoever started this in the background has it ignored
+    signal.signal(signal.SIGTERM, _stop)
     sweep = Sweep(asked.folder, asked.data, asked.seeds, asked.jobs)
     rows = [row for row in _rows() if asked.only.lower() in row.name.lower()]
     try:
@@ -181,7 +187,7 @@ class Sweep:
     def __init__(self, folder: Path, data: Path, seeds: int, jobs: int | None) -> None:
         self._data, self._seeds, self._jobs = data.resolve(), seeds, jobs
         self.failed: list[str] = []
-        self._source = content(ROOT, ("pipeline", "converters"))
+        self._source = content(ROOT, SOURCE)
         folder = folder.resolve()
         self._results, self._logs = folder / "results", folder / "logs" / self._source
         if self._logs.parent.is_dir():  # logs that another source converted
@@ -221,12 +227,14 @@ class Sweep:
         command = [*MCL, "evaluate", str(log), "--reference", str(truth), "--runs", str(self._seeds), "--json"]
         command += [*row.evaluate, *(["--map", str(self._path(row.map_now))] if row.map_now else [])]
         command += ["--jobs", str(self._jobs)] if self._jobs else []
-        done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
-        if done.returncode:
+        code, answer = _run(command)
+        if code:
             self.failed.append(row.name)
             return "failed, as said above"
+        if content(ROOT, SOURCE) != self._source:
+            raise SystemExit("the source has changed meanwhile, and this row is of neither; run it again")
         with replacing(file) as partial:
-            partial.write_text(done.stdout, encoding="utf-8")
+            partial.write_text(answer, encoding="utf-8")
         told = self.found(row)
         return "done" if told is None else f"{told['successes']} of {told['runs']} succeed"
 
@@ -248,6 +256,25 @@ class Sweep:
     def _result(self, row: Row) -> Path:
         key = hashlib.sha256(f"{row} {self._seeds} {self._source}".encode()).hexdigest()[:12]
         return self._results / f"{_slug(row.name)}-{key}.json"
+
+
+def _run(command: list[str]) -> tuple[int, str]:
+    """Exit code and answer of a command. Who stops this stops that as well, which then ends its own processes."""
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            answer, _ = process.communicate()
+        except BaseException:
+            try:
+                process.wait(GRACE)  # Ctrl-C in a terminal reaches both
+            except subprocess.TimeoutExpired:
+                process.terminate()
+                process.wait(10 * GRACE)
+            raise
+    return process.returncode, answer
+
+
+def _stop(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def content(root: Path, packages: Iterable[str]) -> str:
