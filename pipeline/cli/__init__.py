@@ -19,6 +19,7 @@ from pipeline.cli.evaluation import evaluate
 from pipeline.cli.exporting import export
 from pipeline.cli.logs import convert, simulate
 from pipeline.cli.parameters import config
+from pipeline.cli.reckoning import odometry
 from pipeline.cli.runs import demo, inspect, localize
 from pipeline.cli.sharing import share
 from pipeline.cli.tuning import tune
@@ -68,6 +69,7 @@ for command in (
     compare,
     evaluate,
     tune,
+    odometry,
     simulate,
     export,
     share,

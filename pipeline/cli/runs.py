@@ -383,6 +383,7 @@ def _against_truth(score: Score | None) -> list[tuple[str, str]]:
         return []
     found, position, heading = score.time_to_localize, score.position_error, score.heading_error
     rows = [("true: found", "never" if found is None else f"after {found:.1f} s")]
+    rows.append(("true: scans right", f"{100 * score.scans_right:.1f} % of all: within 0.5 m and 10 deg"))
     if position is not None and heading is not None:
         rows.append(("true: error since", f"{position.median:.2f} m, {heading.median:.1f} deg (median)"))
         rows.append(("true: 95 % below", f"{position.p95:.2f} m, {heading.p95:.1f} deg"))

@@ -184,10 +184,15 @@ class Score:
     hindsight_ate: float | None
     scored: int
 
+    @property
+    def scans_right(self) -> float:
+        """Share of all scans, from the log's first one on, at which the online pose was right: ``localized``."""
+        return self.localized
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values, ready for JSON."""
         recoveries = [asdict(r) | {"recovered": r.recovered} for r in self.recoveries]
-        return asdict(self) | {"recoveries": recoveries}
+        return asdict(self) | {"scans_right": self.scans_right, "recoveries": recoveries}
 
 
 def score(

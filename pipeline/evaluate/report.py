@@ -35,11 +35,15 @@ COLUMNS = (
     "RMSE",
     "(deg)",
     "p95",
+    "right (%)",
     "after (%)",
     "ATE (m)",
     "speed",
 )
-"""Headings of ``table``: medians, but for p95 and RMSE of what is to their left; "after": localized since found."""
+"""Headings of ``table``: medians, but for p95 and RMSE of what is to their left.
+
+"right": scans localized, of all from the first one on; "after": of those since the robot was found.
+"""
 COMPARE_COLUMNS = ("log", "configuration", *COLUMNS[1:])
 """Headings of ``compare_table``."""
 RECOVERY_COLUMNS = ("log", "kidnapped at (s)", "recovered", "after (s)", "p95")
@@ -136,6 +140,7 @@ class LogEvaluation:
             "time_to_localize": _plain(self.over_runs(lambda score: score.time_to_localize)),
             "position_error": _plain(position),
             "heading_error": _plain(heading),
+            "scans_right": _plain(self.over_runs(lambda score: score.scans_right)),
             "localized": _plain(self.over_runs(lambda score: score.localized)),
             "localized_after": _plain(self.over_runs(lambda score: score.localized_after)),
             "ate": _plain(self.over_runs(lambda score: score.ate)),
@@ -220,6 +225,7 @@ def _row(log: LogEvaluation) -> Row:
         *_figures(log.over_runs(lambda score: score.time_to_localize), ".1f", "median", "p95"),
         *_figures(position, ".2f", "median", "p95", "rmse"),
         *_figures(heading, ".1f", "median", "p95"),
+        *_figures(log.over_runs(lambda score: score.scans_right), ".1%", "median"),
         *_figures(log.over_runs(lambda score: score.localized_after), ".1%", "median"),
         *_figures(log.over_runs(lambda score: score.ate), ".2f", "median"),
         f"{log.speed:.0f}",

@@ -55,6 +55,7 @@ def collect(recorded: Recorded, names: Names | None = None) -> Drive:
 def find(recorded: Recorded, kind: str) -> str | None:
     """The topic of that type that the contract names, else the one with the most messages."""
     usable = [t for t in recorded.topics.values() if t.type == kind and _readable(t)]
+    usable = [t for t in usable if t.name != schema.LASER_ODOMETRY]  # ours, made from the scans: no second witness
     meant = [t for t in usable if _NOT_MEANT.get(kind, "\n") not in t.name.lower()]
     best = max(meant, key=lambda t: (t.name in _PREFERRED, t.count, t.name), default=None)
     return None if best is None else best.name

@@ -19,9 +19,11 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 Messages = tuple[NDArray[np.int64], NDArray[np.int64], list[bytes]]  # stamps, sequences, data
 
 
-def odometry_messages(odometry: PoseColumns) -> Messages:
-    """The odometry as Odometry messages."""
+def odometry_messages(odometry: PoseColumns, twists: NDArray[np.float64] | None = None) -> Messages:
+    """The odometry as Odometry messages; ``twists`` (n, 3) m/s, m/s, rad/s in the robot's frame, zeros if None."""
     rows = cdr.blank(len(odometry), cdr.ODOMETRY, frame_id=odometry.frame, child_frame_id=odometry.child_frame)
+    if twists is not None:
+        rows["twist"][:, (0, 1, 5)] = twists
     return _filled(rows, odometry)
 
 

@@ -26,6 +26,9 @@ What a run found may be written beside what it was found from (``result``), as n
 /particlecloud   geometry_msgs/PoseArray                  the same poses, for viewers that know no nav2_msgs
 /tf              tf2_msgs/TFMessage                       ``map`` -> ``odom``, beside what else is there
 ===============  =======================================  =====================================================
+
+So may what the laser alone tells of the motion (``laser_odometry``), which needs no map: /laser_odom is a
+nav_msgs/Odometry of base_link in ``odom``, where both odometries start. A reader takes it only if it is named.
 """
 
 from __future__ import annotations
@@ -85,6 +88,7 @@ RESULT_TYPES: Final = {
     PARTICLE_CLOUD: "nav2_msgs/msg/ParticleCloud",
     POSE_ARRAY: "geometry_msgs/msg/PoseArray",
 }
+LASER_ODOMETRY: Final = "/laser_odom"
 RECORDED: Final = "/recorded"  # below it is what the input had under a result's name
 
 NAV2_MSGS: Final = {
@@ -108,6 +112,7 @@ SOURCE: Final = "mcl:source"  # format, files, checksums, converter, counts, las
 SEGMENTS: Final = "mcl:segments"  # how stamps and odometry of the source were re-expressed: JSON per stretch
 MAP_SOURCE: Final = "mcl:map"  # format, file and checksum of the map, and its header where it has one
 RESULT: Final = "mcl:result"  # of a result: version, seed, and the configuration as YAML
+LASER_ODOMETRY_ABOUT: Final = "mcl:laser_odometry"  # of a file with /laser_odom: version, and who was heard
 READER: Final = "reader"  # not in the file: what the reader chose and left out, in Log.metadata
 
 # Attachments.

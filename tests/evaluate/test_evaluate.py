@@ -127,6 +127,9 @@ def test_the_figures_of_a_log():
     assert told["time_to_localize"]["median"] == 10.0
     assert [run["time_to_localize"] for run in told["seeds"][:4]] == [5.0, 10.0, 15.0, None]
     assert told["localized_after"]["median"] == 1.0
+    right = [run["scans_right"] for run in told["seeds"][:4]]
+    assert right == [pytest.approx(1 - missed / SCANS) for missed in (5, 10, 15, SCANS)]
+    assert told["scans_right"]["median"] == pytest.approx(1 - 12.5 / SCANS)
     assert 0.02 < told["position_error"]["median"] < 0.1
     assert 1.0 < told["heading_error"]["rmse"] < 5.0  # degrees: 0.05 rad
     assert told["false_alarms"] == 6
@@ -146,6 +149,13 @@ def test_json_and_back():
     assert list(plain["logs"]) == ["ring", "ring (2)"]
     assert Config.model_validate(plain["config"]) == evaluation.config
     assert {"python", "numpy", "numba", "mcl-replay"} <= plain["versions"].keys()
+
+
+def test_scans_right_are_a_column():
+    evaluation = evaluate([make_log()], [None], Config(), runs=1, jobs=1, runner=stub)
+    (row,) = table(evaluation)
+    assert row[COLUMNS.index("right (%)")] == "91.7"  # the first 5 of 60 scans are wrong
+    assert row[COLUMNS.index("after (%)")] == "100.0"
 
 
 def test_nothing_found_is_told_as_null_and_dash():

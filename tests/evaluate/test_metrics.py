@@ -139,6 +139,7 @@ def test_a_run_that_finds_itself():
     assert result.success
     assert result.time_to_localize == 2.0
     assert (result.localized, result.localized_after) == (pytest.approx(0.6), 1.0)
+    assert result.scans_right == result.to_dict()["scans_right"] == pytest.approx(0.6)
     assert result.position_error == Summary(
         pytest.approx(0.3), pytest.approx(0.39), pytest.approx(np.sqrt((0.09 + 0.16 + 0.09) / 3))
     )

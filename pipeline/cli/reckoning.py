@@ -1,0 +1,128 @@
+"""The command that tells where a robot went without any map, by its laser and its wheels."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.cli.evaluation import ReferenceFrame
+from pipeline.cli.lines import columns, facts
+from pipeline.cli.parameters import (
+    BaseFrameOption,
+    ConfigOption,
+    ForceOption,
+    JsonOption,
+    LaserFrameOption,
+    LogArgument,
+    OdomFrameOption,
+    OdomTopicOption,
+    ScanTopicOption,
+    SetOption,
+    effective_config,
+    named,
+    open_log,
+)
+from pipeline.errors import MclError
+from pipeline.outputs import check_output, check_suffix, replacing
+
+if TYPE_CHECKING:
+    from pipeline.odometry import DeadReckoning, Judged
+
+
+def odometry(
+    log: LogArgument,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="OUT.tum", help="Write the path, a pose for every scan.")
+    ] = None,
+    laser_alone: Annotated[
+        bool, typer.Option("--laser-alone", help="Ask the laser only, as if the robot had no odometry.")
+    ] = False,
+    mcap: Annotated[
+        Path | None,
+        typer.Option("--output-mcap", metavar="OUT.mcap", help="Write the log's messages and with them /laser_odom."),
+    ] = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(metavar="TRUTH.tum", help="The truth, to tell the drift by; the log's own if not given."),
+    ] = None,
+    reference_frame: Annotated[
+        ReferenceFrame, typer.Option(help="Whether the reference says where the robot's centre was, or its laser.")
+    ] = ReferenceFrame.base,
+    relations: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Hand-checked relations between scans, of the Freiburg SLAM benchmark."),
+    ] = None,
+    scan_topic: ScanTopicOption = None,
+    odom_topic: OdomTopicOption = None,
+    base_frame: BaseFrameOption = None,
+    odom_frame: OdomFrameOption = None,
+    laser_frame: LaserFrameOption = None,
+    config: ConfigOption = None,
+    settings: SetOption = None,
+    as_json: JsonOption = False,
+    force: ForceOption = False,
+) -> None:
+    """Tell where the robot went without a map: laser odometry.
+
+    Its laser and its wheels are heard, or its laser alone. Where the truth is known, also how far each of them drifts.
+    """
+    if output is not None:
+        check_output(output, force)
+    if mcap is not None:
+        check_suffix(mcap, ".mcap", "the name of a log ends in .mcap")
+        check_output(mcap, force)
+    from pipeline import odometry as capability
+    from pipeline.evaluate.drift import read_relations
+    from pipeline.logs.tum import read_tum, write_tum
+
+    truth = read_tum(reference) if reference is not None else None
+    checked = read_relations(relations) if relations is not None else None
+    effective = effective_config(config, settings, None)
+    opened = open_log(log, None, named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame))
+    if mcap is not None and mcap.exists() and mcap.samefile(opened.path):
+        raise MclError("the output is the input", "give it another name", path=mcap)
+    alone = laser_alone or effective.odometry == "laser"
+    found = capability.laser_odometry(opened, effective, alone=alone, progress=console.progress)
+    judged: list[Judged] = []
+    if truth is not None or checked is not None or opened.ground_truth is not None:
+        beside = capability.reckonings_beside(opened, effective, found, console.progress)
+        judged = capability.judge(
+            opened,
+            beside,
+            truth,
+            checked,
+            reference_frame="laser" if reference_frame is ReferenceFrame.laser else "base_link",
+        )
+    if output is not None:
+        with replacing(output) as partial:
+            write_tum(partial, found.trajectory)
+    if mcap is not None:
+        capability.write_mcap(mcap, opened, found)
+    written = {name: str(path) for name, path in (("trajectory", output), ("mcap", mcap)) if path is not None}
+    if as_json:
+        about = {"log": opened.name, "scans": len(opened), "duration": opened.duration, "by": found.by}
+        shown = judged or capability.judge(opened, [found])
+        console.emit_json({**written, **about, "odometries": [each.to_dict() for each in shown]})
+        return
+    _tell(opened.name, opened.duration, found, judged)
+    for path in written.values():
+        console.result(path)
+
+
+def _tell(name: str, duration: float, found: DeadReckoning, judged: list[Judged]) -> None:
+    from pipeline import odometry as capability
+
+    rows = [
+        ("scans", f"{len(found.stamps):,} in {duration:.1f} s"),
+        ("told by", found.by),
+        ("driven", f"{found.driven:.1f} m"),
+        ("speed", f"{found.milliseconds:.2f} ms a scan (median)"),
+    ]
+    console.note(facts(name, rows))
+    if drifts := capability.drift_table(judged):
+        console.result(columns("drift, medians", drifts, capability.DRIFT_COLUMNS))
+    if errors := capability.relation_table(judged):
+        console.result(columns("relations, mean ± deviation", errors, capability.RELATION_COLUMNS))
