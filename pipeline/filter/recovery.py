@@ -102,9 +102,7 @@ class Recovery:
         self._slow = step.mean_likelihood if first else self._slow + slow * (step.mean_likelihood - self._slow)
         self._fast = step.mean_likelihood if first else self._fast + fast * (step.mean_likelihood - self._fast)
 
-    def review(
-        self, belief: Belief, motion: Motion, prior: Prior, reading: Reading, scan: Scan
-    ) -> Verdict | None:
+    def review(self, belief: Belief, motion: Motion, prior: Prior, reading: Reading, scan: Scan) -> Verdict | None:
         """Let the rivals take their turn after the belief has taken its own; returns the verdict, if one fell."""
         if self._config.recovery == "augmented":
             self._add_random(belief, scan.index)

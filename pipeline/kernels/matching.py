@@ -113,7 +113,7 @@ def align(seen, n, guess, points, cells, inverse_cell, reach, scale, pose, norma
 
 @kernel
 def fit(seen, n, pose, points, cells, inverse_cell, scale):
-    """How well a scan fits at a pose (3,): the mean over its points of exp(-e^2 / 2 scale^2), 0 where no wall is near."""
+    """How well a scan fits at a pose (3,): the mean of its points' exp(-e^2 / 2 scale^2), 0 where no wall is near."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, least = 0.0, (6.0 * scale) ** 2
     for k in range(n):

@@ -71,7 +71,7 @@ class Match:
 
 @dataclass(frozen=True)
 class Window:
-    """Where a match is looked for when none is found near the guesses: ``half_width`` m and ``half_angle`` rad around."""
+    """Where a match is looked for when no guess leads to one: ``half_width`` m and ``half_angle`` rad around."""
 
     half_width: float
     half_angle: float
@@ -95,7 +95,7 @@ class LaserOdometry:
         return self._walls.points
 
     def update(self, ranges: NDArray[np.float32], guesses: Sequence[Array], window: Window) -> Match:
-        """Match one scan (beams,) float32 m; ``guesses`` (3,) of the step since the scan before, the most trusted first.
+        """Match one scan (beams,) float32 m; ``guesses`` (3,) of the step since the last one, the most trusted first.
 
         If none of them leads to a good fit, all of the ``window`` around the first is searched.
         """
@@ -228,7 +228,7 @@ def _covariance(normal: Array, points: int) -> tuple[Array, Array | None]:
     place = normal[:2, :2] - np.outer(normal[:2, 2], normal[2, :2]) / turns
     strength, ways = np.linalg.eigh(place)
     if strength[0] >= OPEN * points:
-        return SIGMA**2 * np.linalg.inv(normal), None
+        return np.asarray(SIGMA**2 * np.linalg.inv(normal), np.float64), None
     held = normal + np.diag([0.0, 0.0, 1e-6])
     way = np.array([ways[0, 0], ways[1, 0], 0.0])
     # In the open direction the points' word is the noise of their normals: it is taken back.
@@ -236,4 +236,4 @@ def _covariance(normal: Array, points: int) -> tuple[Array, Array | None]:
     held = projection @ held @ projection + np.outer(way, way) * SIGMA**2 / ANYWHERE
     if strength[1] < OPEN * points:
         return ANYWHERE * np.eye(3), way[:2]
-    return SIGMA**2 * np.linalg.inv(held), way[:2]
+    return np.asarray(SIGMA**2 * np.linalg.inv(held), np.float64), way[:2]

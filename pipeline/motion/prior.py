@@ -74,7 +74,10 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     disagreement = float(apart @ np.linalg.solve(seen.covariance + told.covariance, apart))
     if disagreement < AGREE:
         import os
-        both = _shared(_fused(seen, told) if os.environ.get('FUSE') else _helped(seen, told, now.laser, before), config.laser_share)
+
+        both = _shared(
+            _fused(seen, told) if os.environ.get("FUSE") else _helped(seen, told, now.laser, before), config.laser_share
+        )
         return Prior((both, _shared(told, 1.0 - config.laser_share)), disagreement)
     helped = _helped(seen, told, now.laser, before)
     return Prior((_shared(helped, 0.5), _shared(told, 0.5)), disagreement)
@@ -111,7 +114,8 @@ def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
     drift = np.diag([config.laser_drift_d**2, config.laser_drift_d**2, config.laser_drift_a**2]) * driven
     first, second = swing @ into @ a.covariance @ into.T @ swing.T, into @ b.covariance @ into.T
     import os
-    return Component("laser", step, float(os.environ.get("MS","1"))*(first + second) + drift + np.diag(LEAST), 1.0)
+
+    return Component("laser", step, float(os.environ.get("MS", "1")) * (first + second) + drift + np.diag(LEAST), 1.0)
 
 
 def _unseen(before: Motion, now: Motion) -> Component:

@@ -47,7 +47,9 @@ class Witnesses:
 
     def __init__(self, laser: Laser, config: Config, wheels: bool = True) -> None:
         self._wheels = wheels and config.odometry != "laser"
-        self._laser = LaserOdometry(laser, config.laser_max_range) if config.odometry != "wheels" or not wheels else None
+        self._laser = (
+            LaserOdometry(laser, config.laser_max_range) if config.odometry != "wheels" or not wheels else None
+        )
         self._last: Motion | None = None
         self._step, self._seconds = np.zeros(3), 0.0
 
@@ -75,9 +77,7 @@ class Witnesses:
         """(4, n) float32: what the laser's odometry remembers, in its frame: points (m) and normals; empty without it."""
         return np.empty((4, 0), np.float32) if self._laser is None else self._laser.walls
 
-    def _guesses(
-        self, last: Motion | None, odometry: Array | None, turn: float | None, seconds: float
-    ) -> list[Array]:
+    def _guesses(self, last: Motion | None, odometry: Array | None, turn: float | None, seconds: float) -> list[Array]:
         """Steps that the robot may have made since the scan before, the most trusted first."""
         if last is None:
             return [np.zeros(3)]

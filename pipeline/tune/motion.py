@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.motion.wheels import ON_THE_SPOT, odometry_motion
 from pipeline.geometry import between, wrap_angle
+from pipeline.motion.wheels import ON_THE_SPOT, odometry_motion
 from pipeline.tune.em import Array
 
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")

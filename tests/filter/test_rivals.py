@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pipeline.config import Config
-from pipeline.motion.wheels import odometry_motion
 from pipeline.filter.rivals import APART_D, EACH, Rivals, same_place
 from pipeline.filter.sensor import Sensor
 from pipeline.geometry import compose
 from pipeline.logs.messages import Log
+from pipeline.motion.wheels import odometry_motion
 
 NOBODY = np.empty((0, 3))
 CONFIG = Config(occupied_threshold=0.65, range_bias=0.0)

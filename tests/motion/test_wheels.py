@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.config import Config
-from pipeline.motion.wheels import odometry_motion
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.kernels.motion import move
 from pipeline.kernels.random import normal_quantiles, stream_key
+from pipeline.motion.wheels import odometry_motion
 
 QUANTILES = normal_quantiles()
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")

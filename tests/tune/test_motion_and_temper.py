@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from pipeline.config import Config
-from pipeline.motion.wheels import odometry_motion
 from pipeline.geometry import compose
+from pipeline.motion.wheels import odometry_motion
 from pipeline.tune.motion import ALPHAS, SMALLEST, fit_motion, windows
 from pipeline.tune.scans import updates
 from pipeline.tune.temper import MOST, RIVALS, independent_beams
