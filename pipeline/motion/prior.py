@@ -72,17 +72,14 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     apart = seen.step - told.step
     apart[2] = wrap_angle(apart[2])
     disagreement = float(apart @ np.linalg.solve(seen.covariance + told.covariance, apart))
-    if disagreement < AGREE:
-        import os
-
-        both = _shared(
-            _fused(seen, told) if os.environ.get("FUSE") else _helped(seen, told, now.laser, before), config.laser_share
-        )
-        return Prior((both, _shared(told, 1.0 - config.laser_share)), disagreement)
     helped = _helped(seen, told, now.laser, before)
-    return Prior((_shared(helped, 0.5), _shared(told, 0.5)), disagreement)
+    share = config.laser_share if disagreement < AGREE else 0.5
+    return Prior((_shared(helped, share), _shared(told, 1.0 - share)), disagreement)
 
 
+WHITE = 0.3
+"""Share of the matches' own covariance that a step gets. These errors are against the same remembered walls, so that one
+scan's is mostly taken back by the next: added up in full they would make the belief too wide (docs/motion.md)."""
 UNSEEN = 0.02
 """Share of the particles that may be anywhere nearby, where only the laser says how the robot moved: it may err."""
 
@@ -113,9 +110,7 @@ def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
     driven = math.hypot(step[0], step[1]) + 0.5 * abs(step[2])
     drift = np.diag([config.laser_drift_d**2, config.laser_drift_d**2, config.laser_drift_a**2]) * driven
     first, second = swing @ into @ a.covariance @ into.T @ swing.T, into @ b.covariance @ into.T
-    import os
-
-    return Component("laser", step, float(os.environ.get("MS", "1")) * (first + second) + drift + np.diag(LEAST), 1.0)
+    return Component("laser", step, WHITE * (first + second) + drift + np.diag(LEAST), 1.0)
 
 
 def _unseen(before: Motion, now: Motion) -> Component:
@@ -127,15 +122,6 @@ def _unseen(before: Motion, now: Motion) -> Component:
     return Component("unseen", step, np.diag([reach**2, reach**2, turn**2]) + np.diag(LEAST), 1.0)
 
 
-def _fused(seen: Component, told: Component) -> Component:
-    """Both are right: the product of two Gaussians, in which the wheels speak where the laser is silent."""
-    know, say = np.linalg.inv(seen.covariance), np.linalg.inv(told.covariance)
-    apart = told.step - seen.step
-    apart[2] = wrap_angle(apart[2])
-    covariance = np.linalg.inv(know + say)
-    return Component("laser", seen.step + covariance @ say @ apart, covariance, 1.0)
-
-
 def _helped(seen: Component, other: Component, match: Match, before: Motion) -> Component:
     """As the laser says; only in a direction that it leaves open as the other does."""
     if match.open is None:
@@ -144,4 +130,5 @@ def _helped(seen: Component, other: Component, match: Match, before: Motion) -> 
     c, s = math.cos(before.laser.pose[2]), math.sin(before.laser.pose[2])
     way = np.array([c * match.open[0] + s * match.open[1], c * match.open[1] - s * match.open[0], 0.0])
     say = np.outer(way, way) / float(way @ other.covariance @ way)
-    return Component("laser", seen.step, np.linalg.inv(np.linalg.inv(seen.covariance) + say), 1.0)
+    covariance = np.asarray(np.linalg.inv(np.linalg.inv(seen.covariance) + say), np.float64)
+    return Component("laser", seen.step, covariance, 1.0)

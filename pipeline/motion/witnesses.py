@@ -74,7 +74,7 @@ class Witnesses:
 
     @property
     def walls(self) -> NDArray[np.float32]:
-        """(4, n) float32: what the laser's odometry remembers, in its frame: points (m) and normals; empty without it."""
+        """(4, n) float32: the walls that laser odometry remembers, in its frame: points (m) and normals; maybe none."""
         return np.empty((4, 0), np.float32) if self._laser is None else self._laser.walls
 
     def _guesses(self, last: Motion | None, odometry: Array | None, turn: float | None, seconds: float) -> list[Array]:
