@@ -1,7 +1,8 @@
 """The motion prior: a mixture over what the witnesses say, each with its own noise.
 
 It is sampled as it is: a particle follows a witness with the probability that this one is right. So proposal and prior
-are the same, and no particle needs a weight for having followed one or the other (a defensive mixture, Hesterberg 1995).
+are the same, and no particle needs a weight for having followed one or the other (as in Hesterberg's defensive
+mixtures, 1995, some follow each).
 """
 
 from __future__ import annotations
