@@ -58,9 +58,9 @@ class Config(BaseModel):
         0.9, description="Where wheels and laser agree, the share of particles that follow the laser; the rest: wheels."
     )
     laser_drift_d: NonNegative = Field(
-        0.012, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."
+        0.008, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."
     )
-    laser_drift_a: NonNegative = Field(0.003, description="The same of its heading, rad.")
+    laser_drift_a: NonNegative = Field(0.002, description="The same of its heading, rad.")
 
     # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")

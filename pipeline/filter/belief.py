@@ -47,20 +47,24 @@ class Belief:
         self._resample_due = False
         return True
 
-    def advance(self, prior: Prior, reading: Reading, scan: int, slipping: bool = False) -> None:
-        """Every particle moves as one of the witnesses says, with noise of its own, or with more; and is weighed."""
-        self._mover.move(self.particles.poses, prior, stream_key(self._seed, scan, MOTION), slipping)
-        self.weigh(reading)
+    def advance(self, prior: Prior, reading: Reading, scan: int, slipping: bool = False) -> float:
+        """Every particle moves as one of the witnesses says, with noise of its own, or with more; and is weighed.
 
-    def weigh(self, reading: Reading) -> None:
-        """Every particle is weighed by how well its pose explains the scan."""
+        Returns the logarithm of the mean of the scan's tempered likelihood over the particles.
+        """
+        self._mover.move(self.particles.poses, prior, stream_key(self._seed, scan, MOTION), slipping)
+        return self.weigh(reading)
+
+    def weigh(self, reading: Reading) -> float:
+        """Every particle is weighed by how well its pose explains the scan; returns the scan's log-evidence."""
         p, least = self.particles, self._config.resample_ess
         self._sensor.score(p.poses, reading, p.log_likelihood)
-        p.weigh(reading.temper)
+        evidence = p.weigh(reading.temper)
         self._updates += 1
         asked = self._updates % self._config.resample_interval == 0
         self._resample_due = asked and (p.ess < least * p.n or least == 1.0)
         self.hypotheses = self._clusters.find(p.poses, p.weights)
+        return evidence
 
     def move(self, poses: NDArray[np.float32], weights: NDArray[np.float64], key: np.uint64) -> None:
         """Start anew at the place of these poses (3, m), grid frame, with weights (m,) summing to one."""

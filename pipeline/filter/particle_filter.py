@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.belief import Belief
+from pipeline.filter.dual import place_after, proposed
 from pipeline.filter.estimate import map_estimate
 from pipeline.filter.hindsight import Hindsight
 from pipeline.filter.initialization import initial_particles
@@ -25,13 +26,15 @@ from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.motion.prior import Prior, motion_prior
+from pipeline.motion.prior import Component, Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-INITIAL, REMEMBER = 0, 8
+INITIAL, REMEMBER, DUAL = 0, 8, 24
 """Purposes of random numbers: each has its own stream at every scan."""
+FAR = 0.3
+"""m: deviation of a drive that nobody saw, from which on the scan proposes places: particles would be too few."""
 NOTABLE = 0.01
 """Probability from which on a rival is shown among the hypotheses."""
 TRUSTED = 0.9
@@ -99,8 +102,24 @@ class ParticleFilter:
         resampled = self._belief.resample(scan.index)
         # Where the laser is heard, it says itself that the wheels slip.
         slipping = motion.laser is None and self._recovery.slipping
-        self._belief.advance(prior, reading, scan.index, slipping)
+        unseen = prior.unseen
+        if unseen is None or unseen.reach < FAR or not self._sensor.searches:
+            self._belief.advance(prior, reading, scan.index, slipping)
+        else:
+            self._advance_unseen(prior, unseen, reading, scan.index)
         return resampled, self._recovery.review(self._belief, motion, prior, reading, scan)
+
+    def _advance_unseen(self, prior: Prior, unseen: Component, reading: Reading, scan: int) -> None:
+        """A turn after which the robot may be metres away: too far for particles that go there at random to find it."""
+        belief, key = self._belief, stream_key(self._seed, scan, DUAL)
+        before = place_after(self._grid, belief.particles, unseen.reach)
+        n = min(belief.particles.n, self._config.max_particles // 2)
+        found, evidence = proposed(self._grid, self._sensor, before, reading, n, key)
+        rest = 1.0 - unseen.share
+        others = belief.advance(prior.without(unseen), reading, scan) + math.log(max(rest, 1e-3))
+        evidence += math.log(unseen.share)
+        share = 1.0 / (1.0 + math.exp(min(others - evidence, 500.0)))
+        belief.admit(found.poses, min(share, 0.999), key)
 
     def _learn(self, step: Step) -> None:
         if step.estimate.weight > TRUSTED:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,12 +28,14 @@ class Posterior:
     """What one scan says of every place in the building.
 
     ``poses`` (3, n) float32 drawn from it, grid frame; ``cells`` (m,) int32 flat indices of the cells that can hold the
-    laser and ``best`` (m,) float32 the log-likelihood of the best heading in each, tempered.
+    laser and ``best`` (m,) float32 the log-likelihood of the best heading in each, tempered. ``evidence``: logarithm
+    of the tempered likelihood's mean over the places that were asked, or of its sum weighed by how probable they were.
     """
 
     poses: NDArray[np.float32]
     cells: NDArray[np.int32]
     best: NDArray[np.float32]
+    evidence: float
 
 
 class Search:
@@ -74,10 +77,12 @@ class Search:
         key: np.uint64,
         coarse: bool = False,
         beams: int = SEARCH_BEAMS,
+        before: NDArray[np.float64] | None = None,
     ) -> Posterior:
         """n poses drawn from the tempered posterior of one scan; ``coarse``: not every cell is asked.
 
-        ``log_likelihood`` (k, 256) float32 is thinned to so many ``beams`` of those that say something.
+        ``log_likelihood`` (k, 256) float32 is thinned to so many ``beams`` of those that say something. ``before``
+        (height, width): how probable each cell of the map was before the scan, and only where it was is asked.
         """
         telling = np.flatnonzero(np.ptp(log_likelihood, axis=1) > 0.0)
         used = telling[:: max(1, -(-len(telling) // beams))]
@@ -85,10 +90,18 @@ class Search:
         scan = (self._expected.offsets[used], np.ascontiguousarray(log_likelihood[used]), np.float32(temper))
         table = (self._table.cells, self._open_around, self._expected.rows)
         rows = self._coarse_rows if coarse and len(self._coarse_rows) else self._rows
+        known = np.full(len(rows), 1.0 / len(rows))
+        if before is not None:
+            known = before.reshape(-1)[self._table.cells[rows]]
+            if known.any():
+                rows, known = rows[known > 0.0], known[known > 0.0]
+            else:  # whoever is nowhere may be anywhere
+                known = np.full(len(rows), 1.0 / len(rows))
         work = HEADINGS * len(used)
         best, log_mass = np.empty(len(rows), np.float32), np.empty(len(rows), np.float32)
         exhaustive.cell_masses(len(rows) * work, rows, *table, *scan, *self._place, best, log_mass)
-        mass = np.exp(log_mass.astype(np.float64) - float(log_mass.max()))
+        mass = np.exp(log_mass.astype(np.float64) - float(log_mass.max())) * known
+        evidence = float(log_mass.max()) + math.log(mass.sum() / HEADINGS)
         draws = np.empty(len(rows), np.int64)
         exhaustive.split_draws(mass / mass.sum(), uniforms(key, 1)[0], n, draws)
         drawn = np.flatnonzero(draws)
@@ -98,7 +111,7 @@ class Search:
         exhaustive.draw_headings(
             len(drawn) * work, rows[drawn], first, *table, *scan, *self._place, cell, heading, turns
         )
-        return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best * np.float32(temper))
+        return Posterior(self._poses(cell, heading, key), self._table.cells[rows], best * np.float32(temper), evidence)
 
     def _poses(self, cell: NDArray[np.int32], heading: NDArray[np.int32], key: np.uint64) -> NDArray[np.float32]:
         """(3, n) poses of the robot, anywhere within the laser's cell and heading: the table tells none apart."""

@@ -82,6 +82,16 @@ class Sensor:
         assert reading.ends is not None, "a reading of another sensor"
         self._field.score(poses, reading.ends, out)
 
+    @property
+    def searches(self) -> bool:
+        """Whether the building can be searched, for which the table of ranges is needed."""
+        return self._search is not None
+
+    def search_near(self, reading: Reading, before: NDArray[np.float64], n: int, key: np.uint64) -> Posterior:
+        """n poses drawn from what this scan says of the places that were probable ``before`` (height, width) it."""
+        assert self._search is not None, "neither init nor recovery asks for a search"
+        return self._search(reading.rows, self._config.independent_beams, n, key, coarse=True, before=before)
+
     def search(self, reading: Reading, n: int, key: np.uint64, coarse: bool = False) -> Posterior:
         """n poses drawn from what this scan alone says of the whole building, by the beam model; ``coarse``: asking
         every 0.2 m only, which is enough to know where to look."""

@@ -133,29 +133,42 @@ def fit(seen, n, pose, points, cells, inverse_cell, scale):
 def sweep(seen, n, centre, half_width, step, half_angle, angle_step, points, cells, inverse_cell, near, poses, scores):
     """A correlative match (Olson, 2009): every place in a window, by the share of points within ``near`` m of a wall.
 
-    Around ``centre`` (3,), in steps of ``step`` m and ``angle_step`` rad -> for each heading the best of its ``poses``
-    (a, 3) and their ``scores`` (a,).
+    Around ``centre`` (3,), for each heading in steps of ``angle_step`` rad: first every second ``step`` (m), by the
+    share of points in cells that know of any wall; then around the best of these by the distance -> ``poses`` (a, 3)
+    and their ``scores`` (a,), which are a little less the farther away they are.
     """
-    side = int(round(half_width / step))
-    least = near * near
+    mask = cells.shape[0] - 1
+    far = int(round(0.5 * half_width / step))  # in double steps
+    stride = int(round(2.0 * step * inverse_cell))
+    rx, ry = np.empty(n), np.empty(n)
+    col, row = np.empty(n, np.int64), np.empty(n, np.int64)
     for a in range(poses.shape[0]):
         yaw = centre[2] - half_angle + a * angle_step
         c, s = math.cos(yaw), math.sin(yaw)
-        best, best_x, best_y = -1.0, 0.0, 0.0
-        rx, ry = np.empty(n), np.empty(n)
         for k in range(n):
             rx[k] = centre[0] + c * seen[0, k] - s * seen[1, k]
             ry[k] = centre[1] + s * seen[0, k] + c * seen[1, k]
-        for row in range(-side, side + 1):
-            for col in range(-side, side + 1):
-                dx, dy, hits = col * step, row * step, 0
+            col[k], row[k] = int(math.floor(rx[k] * inverse_cell)), int(math.floor(ry[k] * inverse_cell))
+        most, best_i, best_j = -1, 0, 0
+        for i in range(-far, far + 1):
+            for j in range(-far, far + 1):
+                hits = 0
                 for k in range(n):
-                    _, far = nearest(rx[k] + dx, ry[k] + dy, points, cells, inverse_cell)
-                    hits += far <= least
-                score = hits / n - 1e-3 * (abs(dx) + abs(dy) + abs(yaw - centre[2]))
+                    hits += cells[(row[k] + i * stride) & mask, (col[k] + j * stride) & mask] >= 0
+                # Of equal ones the nearest: the loops begin far away.
+                if hits > most or (hits == most and i * i + j * j < best_i * best_i + best_j * best_j):
+                    most, best_i, best_j = hits, i, j
+        best = -1.0
+        for i in range(2 * best_i - 2, 2 * best_i + 3):
+            for j in range(2 * best_j - 2, 2 * best_j + 3):
+                hits = 0
+                for k in range(n):
+                    _, away = nearest(rx[k] + j * step, ry[k] + i * step, points, cells, inverse_cell)
+                    hits += away <= near * near
+                score = hits / n - 1e-3 * (step * (abs(i) + abs(j)) + abs(yaw - centre[2]))
                 if score > best:
-                    best, best_x, best_y = score, dx, dy
-        poses[a, 0], poses[a, 1], poses[a, 2] = centre[0] + best_x, centre[1] + best_y, yaw
+                    best = score
+                    poses[a, 0], poses[a, 1], poses[a, 2] = centre[0] + j * step, centre[1] + i * step, yaw
         scores[a] = best
 
 

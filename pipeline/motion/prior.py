@@ -21,14 +21,17 @@ from pipeline.motion.witnesses import Motion
 
 Array = NDArray[np.float64]
 
+UNSEEN = "unseen"
 AGREE = 11.3
 """Chi-square with three degrees of freedom: of witnesses that are both right 99 % are closer to each other."""
 WHEELS = 0.1
 """Share of the particles that follow the wheels where they agree with the laser."""
 EITHER = 0.5
 """The same where they do not: the map decides."""
-UNSEEN = 0.02
+NEARBY = 0.02
 """Share that may be anywhere nearby, where only the laser says how the robot moved: it may err."""
+MOMENT = 1.0
+"""s: between scans farther apart in time a match errs about as often as not, if no wheels say where to look for it."""
 WHITE = 0.3
 """Share of the matches' own covariance that a step gets. Two scans err against the same remembered walls, so that the
 next step mostly takes back the error of this one: added up in full they would make the belief too wide."""
@@ -53,6 +56,11 @@ class Component:
     share: float = 1.0
     table: OdometryMotion | None = None
 
+    @property
+    def reach(self) -> float:
+        """Deviation of where the step ends, along or across, m."""
+        return math.sqrt(float(self.covariance[0, 0]))
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -61,6 +69,16 @@ class Prior:
 
     components: tuple[Component, ...]
     disagreement: float = math.nan
+
+    @property
+    def unseen(self) -> Component | None:
+        """The component of a drive that nobody saw, if there is one."""
+        return next((component for component in self.components if component.name == UNSEEN), None)
+
+    def without(self, one: Component) -> Prior:
+        """The same without one component, unless it is all that there is."""
+        rest = tuple(component for component in self.components if component is not one)
+        return replace(self, components=rest or self.components)
 
 
 def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
@@ -79,7 +97,7 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     others = [other] if (turned := _by_gyroscope(other, before, now)) is None else [turned, other]
     if seen is None:
         return Prior(_shared(others, 1.0))
-    disagreement, share = math.nan, UNSEEN
+    disagreement, share = math.nan, NEARBY if now.time - before.time < MOMENT else EITHER
     if told is not None:
         disagreement = _chi_square(seen, told)
         share = WHEELS if disagreement < AGREE else EITHER
@@ -128,7 +146,7 @@ def _unseen(before: Motion, now: Motion) -> Component:
     seconds = now.time - before.time
     reach = min(0.5 * ACCELERATION * seconds**2 + 0.02, SPEED * seconds + 0.02, FARTHEST)
     turn = min(0.5 * TURNING * seconds**2 + 0.02, TURN_RATE * seconds + 0.02, math.pi)
-    return Component("unseen", between(before.pose, now.pose), np.diag([reach**2, reach**2, turn**2]))
+    return Component(UNSEEN, between(before.pose, now.pose), np.diag([reach**2, reach**2, turn**2]))
 
 
 def _by_gyroscope(other: Component, before: Motion, now: Motion) -> Component | None:
