@@ -32,6 +32,7 @@ class Belief:
         self._mover = Mover(config.slip)
         self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
+        self.followed: NDArray[np.float64] = np.empty(0)
 
     def resample(self, scan: int) -> bool:
         """Survivors replace the particles, if the weights have become uneven; returns whether they did.
@@ -49,8 +50,10 @@ class Belief:
 
     def advance(self, prior: Prior, reading: Reading, scan: int, slipping: bool = False) -> None:
         """Every particle moves as one of the witnesses says, with noise of its own, or with more; and is weighed."""
-        self._mover.move(self.particles.poses, prior, stream_key(self._seed, scan, MOTION), slipping)
+        key = stream_key(self._seed, scan, MOTION)
+        self._mover.move(self.particles.poses, prior, key, slipping)
         self.weigh(reading)
+        self.followed = self._mover.followed(self.particles.weights, prior, key)
 
     def weigh(self, reading: Reading) -> None:
         """Every particle is weighed by how well its pose explains the scan."""

@@ -138,6 +138,8 @@ class ParticleFilter:
             resampled=resampled,
             motion=motion,
             prior=prior,
+            followed=None if prior is None else self._belief.followed,
+            walls=None if motion.laser is None else _read_only(self._witnesses.walls),
             heat=self._sensor.heat(),
         )
 

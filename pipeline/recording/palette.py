@@ -21,8 +21,12 @@ TRUTH: Colour = (0, 140, 100)
 HYPOTHESIS: Colour = (240, 110, 180)
 HINDSIGHT: Colour = (86, 180, 233)
 ODOMETRY: Colour = (60, 60, 60)
+WHEELS: Colour = (160, 95, 0)  # what either says of the way; far apart for every kind of colour vision
+LASER: Colour = (0, 70, 200)
+WALLS: Colour = (70, 70, 70)
 NEUTRAL: Colour = (130, 130, 130)
 LETTERING: Colour = (20, 20, 20)
+FLOOR: Colour = (250, 250, 250)  # behind what has no map
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
 # Runs side by side: Okabe and Ito's, which every kind of colour vision tells apart.
