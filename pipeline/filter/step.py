@@ -41,7 +41,7 @@ class Beams:
 @dataclass(frozen=True)
 class Event:
     """Something worth a line: ``kind`` is a word (started, searched, converged, diverged, resampled,
-    lost, found), ``text`` a sentence."""
+    lost, found, contradicted), ``text`` a sentence."""
 
     kind: str
     text: str

@@ -174,13 +174,16 @@ def _overrides(below: str) -> dict[str, Any]:
     }
 
 
-def curves(name: str, *shown: str, legend: bool = False, most: float | None = None) -> rrb.TimeSeriesView:
-    """Curves over the whole run, with a legend if there are several entities; from 0 to ``most`` if that is known."""
-    whole_run = rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
+def curves(name: str, *shown: str, most: float | None = None, around: float | None = None) -> rrb.TimeSeriesView:
+    """Curves with a legend if there are several; from 0 to ``most`` if that is known; over the whole run, or so many
+    seconds ``around`` the cursor."""
+    begin = end = rrb.TimeRangeBoundary.infinite()
+    if around is not None:
+        begin, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=by) for by in (-around, around))
     return rrb.TimeSeriesView(
         name=name,
         contents=list(shown),
-        axis_x=rrb.TimeAxis(view_range=whole_run),
+        axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=begin, end=end)),
         axis_y=None if most is None else rrb.ScalarAxis(range=(0.0, most), zoom_lock=True),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend or len(shown) > 1),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=len(shown) > 1),
     )

@@ -17,7 +17,10 @@ Row = tuple[Step, Heard]
 
 COARSE = 1 / 64  # metres, of remembered points: some are as far off their walls, and fewer bytes tell
 HEAD = 0.7  # metres
-_line, _thick, _arrow = rr.Radius.ui_points(1.0), rr.Radius.ui_points(2.0), rr.Radius.ui_points(2.0)
+HEIGHTS = (0.03, 0.04, 0.05)  # metres: what is believed lies on top
+LABEL = 1.3  # metres
+_thin, _line, _dot, _thick = (rr.Radius.ui_points(size) for size in (0.5, 1.0, 2.0, 2.5))
+_arrow = _dot
 CURVES = (entities.APART, entities.FIT, entities.FOLLOWED)
 
 
@@ -25,9 +28,8 @@ def witness_columns(rows: Sequence[Row], shown: bool) -> list[Columns]:
     """What these steps (at least one) add; ``shown``: a contradiction is on the map from the batch before."""
     steps, heard = [s for s, _ in rows], [h for _, h in rows]
     index = _index(steps)
-    columns: list[Columns] = [
-        (entities.LASER_PATH, index, _path([h.before[1] for h in heard], [h.laser for h in heard], 0.03)),
-        (entities.BELIEVED_PATH, index, _path([h.before[2] for h in heard], [h.believed for h in heard], 0.05)),
+    return [
+        (entities.WAYS, index, _ways(heard)),
         (entities.HEADS, index, _heads(heard)),
         (entities.FIT, index, _scalars([h.fits for h in heard])),
         (entities.WALLS, index, transforms(np.stack([h.frame for h in heard]), z=-0.03)),
@@ -36,43 +38,31 @@ def witness_columns(rows: Sequence[Row], shown: bool) -> list[Columns]:
         *_walls(rows),
         *_said(rows, shown),
     ]
-    told = [(s, h.before[0], h.wheels) for s, h in rows if h.wheels is not None and h.before[0] is not None]
-    if told:
-        path = _path([a for _, a, _ in told], [b for _, _, b in told], 0.04)
-        columns.append((entities.WHEELS_PATH, _index([s for s, _, _ in told]), path))
-    return columns
 
 
 def witness_styles(wheels: bool) -> dict[str, list[Any]]:
     """Static archetypes by entity, with or without wheels to be heard."""
-    who = [(palette.LASER, "laser"), (palette.ESTIMATE, "believed")]
-    who = [(palette.WHEELS, "wheels"), *who] if wheels else who
+    colours = [palette.WHEELS, palette.LASER, palette.ESTIMATE][1 - wheels :]
+    widths = [_thick, _thick, _line][1 - wheels :]
     fits = ["share of beams that fit where the laser says", "... where the wheels say"]
     other = "... the wheels" if wheels else "... neither"
+    told = [palette.LASER, palette.WHEELS]
     found: dict[str, list[Any]] = {
-        entities.LASER_PATH: [rr.LineStrips3D.from_fields(radii=_thick, colors=palette.LASER)],
-        entities.BELIEVED_PATH: [rr.LineStrips3D.from_fields(radii=_line, colors=palette.ESTIMATE)],
-        entities.HEADS: [
-            rr.Arrows3D.from_fields(
-                radii=_arrow, colors=[c for c, _ in who], labels=[name for _, name in who], show_labels=True
-            )
-        ],
-        entities.WALLS: [rr.Points3D.from_fields(radii=rr.Radius.ui_points(2.0), colors=palette.WALLS)],
-        entities.FIT: [_curves(fits[: 1 + wheels], [palette.LASER, palette.WHEELS][: 1 + wheels])],
-        entities.FOLLOWED: [
-            _curves(["share of the belief that follows the laser", other], [palette.LASER, palette.WHEELS])
-        ],
+        entities.WAYS: [rr.LineStrips3D.from_fields(radii=widths, colors=colours)],
+        entities.HEADS: [rr.Arrows3D.from_fields(radii=_arrow, colors=colours)],
+        entities.WALLS: [rr.Points3D.from_fields(radii=_dot, colors=palette.WALLS)],
+        entities.FIT: [_curves(fits[: 1 + wheels], told[: 1 + wheels])],
+        entities.FOLLOWED: [_curves(["share of the belief that follows the laser", other], told)],
     }
     if wheels:
+        apart = ["how far wheels and laser are apart", "farther apart by chance: 1 of 100"]
         found |= {
-            entities.WHEELS_PATH: [rr.LineStrips3D.from_fields(radii=_thick, colors=palette.WHEELS)],
-            entities.SAID_WHEELS: [rr.Arrows3D.from_fields(radii=_arrow, colors=palette.WHEELS, show_labels=True)],
-            entities.SAID_LASER: [rr.Arrows3D.from_fields(radii=_arrow, colors=palette.LASER, show_labels=True)],
-            entities.SAID_SCAN: [rr.Points3D.from_fields(radii=rr.Radius.ui_points(2.5), colors=palette.WHEELS)],
-            entities.APART: [
-                _curves(["how far wheels and laser are apart", "farther is chance in 1 of 100"], [palette.CURVE, palette.NEUTRAL])
-            ],
-        }  # fmt: skip
+            entities.SAID_WHEELS: [rr.Arrows3D.from_fields(radii=_arrow, colors=palette.WHEELS)],
+            entities.SAID_LASER: [rr.Arrows3D.from_fields(radii=_arrow, colors=palette.LASER)],
+            entities.SAID_SCAN: [rr.Points3D.from_fields(radii=_dot, colors=palette.WHEELS)],
+            entities.SAID_SHARE: [rr.Points3D.from_fields(radii=_thin, colors=palette.LETTERING, show_labels=True)],
+            entities.APART: [_curves(apart, [palette.CURVE, palette.NEUTRAL])],
+        }
     return found
 
 
@@ -80,18 +70,23 @@ def _index(steps: Sequence[Step]) -> list[Any]:
     return timelines([s.index for s in steps], [s.time for s in steps])
 
 
-def _path(begin: Sequence[Any], end: Sequence[Any], z: float) -> list[Any]:
-    strips = np.stack([np.stack(begin)[:, :2], np.stack(end)[:, :2]], axis=1)
-    return list(rr.LineStrips3D.columns(strips=lift(strips, z)).partition([1] * len(strips)))
+def _ways(heard: Sequence[Heard]) -> list[Any]:
+    """A segment of each path: in one entity, since a row of an entity of its own costs more than a segment."""
+    every = [(a, b, z) for h in heard for a, b, z in zip(h.before, h.now, HEIGHTS, strict=True)]
+    ends = [(a, b, z) for a, b, z in every if a is not None and b is not None]
+    strips = np.array([(a[:2], b[:2]) for a, b, _ in ends])
+    lifted = lift(strips, 0.0)
+    lifted[..., 2] = np.array([z for _, _, z in ends], np.float32)[:, None]
+    each = len(ends) // len(heard)
+    return list(rr.LineStrips3D.columns(strips=lifted).partition([each] * len(heard)))
 
 
 def _heads(heard: Sequence[Heard]) -> list[Any]:
-    rows = [[p for p in (h.wheels, h.laser, h.believed) if p is not None] for h in heard]
-    poses = np.array([p for row in rows for p in row])
+    poses = np.array([pose for h in heard for pose in h.now if pose is not None])
     ahead = lift(HEAD * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])]), 0.0)
-    return list(
-        rr.Arrows3D.columns(origins=lift(poses[:, :2], 0.06), vectors=ahead).partition([len(row) for row in rows])
-    )
+    each = len(poses) // len(heard)
+    columns = rr.Arrows3D.columns(origins=lift(poses[:, :2], HEIGHTS[2] + 0.01), vectors=ahead)
+    return list(columns.partition([each] * len(heard)))
 
 
 def _scalars(rows: Sequence[Sequence[float]]) -> list[Any]:
@@ -131,20 +126,29 @@ def _said(rows: Sequence[Row], shown: bool) -> list[Columns]:
     index, found = _index([s for s, _ in kept]), [said for _, said in kept if said is not None]
     lengths = [int(said is not None) for _, said in kept]
 
-    def arrows(tips: list[Any], labels: list[str]) -> list[Any]:
-        starts = np.array([said.start[:2] for said in found]).reshape(-1, 2)
-        ways = np.array([tip[:2] for tip in tips]).reshape(-1, 2) - starts
-        made = rr.Arrows3D.columns(origins=lift(starts, 0.13), vectors=lift(ways, 0.0), labels=labels)
-        return list(made.partition(lengths))
+    starts = np.array([said.start[:2] for said in found]).reshape(-1, 2)
+    wheels, laser = (np.array(t).reshape(-1, 3)[:, :2] for t in ([s.wheels for s in found], [s.laser for s in found]))
 
-    shares = [f"laser, believed by {100 * said.followed:.0f} %" for said in found]
+    def arrows(tips: Any, z: float) -> list[Any]:
+        return list(rr.Arrows3D.columns(origins=lift(starts, z), vectors=lift(tips - starts, 0.0)).partition(lengths))
+
     scans = [np.empty((0, 2)) if said is None else said.scan for _, said in kept]
     points = rr.Points3D.columns(positions=lift(np.concatenate(scans), 0.07)).partition([len(scan) for scan in scans])
+    shares = [f"{100 * said.followed:.0f} % follow the laser" for said in found]
+    labels = rr.Points3D.columns(positions=lift(_beside(starts, wheels, laser), 0.13), labels=shares)
     return [
-        (entities.SAID_WHEELS, index, arrows([s.wheels for s in found], ["wheels"] * len(found))),
-        (entities.SAID_LASER, index, arrows([s.laser for s in found], shares)),
+        (entities.SAID_WHEELS, index, arrows(wheels, 0.12)),
+        (entities.SAID_LASER, index, arrows(laser, 0.13)),
         (entities.SAID_SCAN, index, list(points)),
+        (entities.SAID_SHARE, index, list(labels.partition(lengths))),
     ]
+
+
+def _beside(starts: Any, wheels: Any, laser: Any) -> Any:
+    """Where a label hides none of the arrows, (n, 2): beside them, away from the longer of the two."""
+    longer = np.where((np.hypot(*(wheels - starts).T) > np.hypot(*(laser - starts).T))[:, None], wheels, laser) - starts
+    across = np.column_stack([-longer[:, 1], longer[:, 0]]) / np.maximum(np.hypot(*longer.T), 1e-6)[:, None]
+    return starts + LABEL * across
 
 
 def _curves(names: Sequence[str], colours: Sequence[palette.Colour]) -> Any:

@@ -14,7 +14,8 @@ from pipeline.recording.witnesses import MOST
 
 MARGIN = 3.0  # metres around a path
 PATHS_ASPECT = 1.0
-CLOSE = 7.0  # metres that are seen to either side of the robot
+AROUND = 20.0  # seconds of curves to either side of the cursor
+CLOSE = 4.5  # metres that are seen to either side of the robot
 
 
 def ground(log: Log) -> Area:
@@ -31,7 +32,7 @@ def recorded_ground(file: RrdFile) -> Area | None:
     found = [
         chunk.to_record_batch()["LineStrips3D:strips"].flatten().flatten().flatten().to_numpy(zero_copy_only=False)
         for chunk in file.chunks
-        if chunk.entity_path in (entities.WHEELS_PATH, entities.LASER_PATH) and not chunk.is_static
+        if chunk.entity_path == entities.WAYS and not chunk.is_static
     ]
     return around(np.concatenate(found).reshape(-1, 3)[:, :2]) if found else None
 
@@ -47,16 +48,16 @@ def motion_tab(area: Area) -> rrb.Container:
     """The paths by either witness, how the scan fits what was seen before, and curves of what they say."""
     paths = rrb.Spatial3DView(
         origin=entities.MOTION,
-        name="The way: wheels, laser, believed",
+        name="The way: brown by the wheels, blue by the laser, magenta as believed",
         contents=f"{entities.MOTION}/**",
         eye_controls=looking_down(area, PATHS_ASPECT),
         line_grid=False,
         background=palette.FLOOR,
-        overrides={path: so_far() for path in (entities.WHEELS_PATH, entities.LASER_PATH, entities.BELIEVED_PATH)},
+        overrides={entities.WAYS: so_far()},
     )
     close = rrb.Spatial3DView(
         origin=entities.LASER,
-        name="The match: scan and remembered walls",
+        name="Black: walls seen before. Rays: the scan by the laser. Brown: the scan by the wheels",
         contents=[
             f"{entities.LASER}/**",
             f"- {entities.EXPECTED}",
@@ -73,8 +74,8 @@ def motion_tab(area: Area) -> rrb.Container:
         background=palette.FLOOR,
     )
     told = [
-        curves("Wheels and laser apart, 1 = limit", entities.APART, legend=True, most=MOST),
-        curves("Share of beams that fit what was seen before", entities.FIT, legend=True, most=1.0),
-        curves("Share of the belief that follows", entities.FOLLOWED, legend=True, most=1.0),
+        curves("Wheels and laser apart; 1: the limit of chance", entities.APART, most=MOST),
+        curves("Beams that fit: by the laser (blue), by the wheels", entities.FIT, most=1.0, around=AROUND),
+        curves("Belief that follows the laser (blue), the wheels", entities.FOLLOWED, most=1.0, around=AROUND),
     ]
     return rrb.Vertical(rrb.Horizontal(paths, close), rrb.Horizontal(*told), row_shares=[3, 1], name="Wheels and laser")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +16,7 @@ from pipeline.motion.prior import AGREE
 Array = NDArray[np.float64]
 
 WHILE = 1.0
-"""s: contradictions are drawn over so long a way, for between two scans a robot moves by no more than its own radius."""
+"""s: contradictions are drawn over so long a way: between two scans a robot moves by less than its own radius."""
 NOTICEABLE, NOTICEABLE_TURN = 0.1, np.deg2rad(5.0)
 """m, rad: witnesses that end closer together are not drawn apart."""
 MOST = 5.0
@@ -41,10 +40,14 @@ class Said:
     followed: float
 
 
+Poses = tuple[Array | None, Array, Array]
+"""By the wheels, None without wheels; by the laser; and as believed."""
+
+
 @dataclass(frozen=True)
 class Heard:
-    """Of one step: poses (3,) in the odometry's frame as the ``wheels`` (None without wheels), the ``laser`` and the
-    estimate's increments (``believed``) have them, all from the same start, each with the pose of the step before it.
+    """Of one step: ``now``, poses (3,) in the odometry's frame, all from the same start, by the increments of each;
+    ``before``: those of the step before.
 
     ``fits``: the share of the beams that fit the remembered walls where the laser says, and, with wheels, where they
     say; ``apart``: disagreement over its 99 % limit, as a deviation, MOST at most; ``followed``: share of the weight
@@ -53,10 +56,8 @@ class Heard:
     as before; ``frame`` (3,): that frame, seen from the laser. ``said``: see there; None if there is no contradiction.
     """
 
-    wheels: Array | None
-    laser: Array
-    believed: Array
-    before: tuple[Array | None, Array, Array]
+    now: Poses
+    before: Poses
     fits: tuple[float, ...]
     apart: float | None
     followed: tuple[float, float] | None
@@ -76,7 +77,7 @@ class Hearing:
 
     def __init__(self, log: Log) -> None:
         self._wheels, self._mount = log.wheels, np.array(log.laser.pose)
-        self._last: tuple[Step, tuple[Array | None, Array, Array]] | None = None
+        self._last: tuple[Step, Poses] | None = None
         self._past: deque[_Past] = deque()
         self._walls: NDArray[np.float32] | None = None
         self._changed = False
@@ -87,12 +88,12 @@ class Hearing:
         match = step.motion.laser
         if match is None:
             return None
-        now = (step.motion.odometry if self._wheels else None, step.motion.pose, self._believed(step, joined))
+        now: Poses = (step.motion.odometry if self._wheels else None, step.motion.pose, self._believed(step, joined))
         before = now if self._last is None else self._last[1]
         walls = self._walls if self._changed else None
         self._remember(step)
         heard = Heard(
-            *now,
+            now,
             before,
             fits=(match.fit, match.fit_as_told) if self._wheels else (match.fit,),
             apart=_apart(step),
@@ -157,18 +158,14 @@ class Hearing:
 
 def thinned(points: NDArray[np.float32], centre: Array) -> NDArray[np.float32]:
     """At most POINTS of the points (n, 2), the nearest to ``centre`` (2,), one in each square of a fine grid."""
-    near = points[np.hypot(*(points - centre.astype(np.float32)).T) < NEAR]
-    _, first = np.unique(np.floor(near / np.float32(APART)), axis=0, return_index=True)
-    kept = near[first]
+    apart = points - centre.astype(np.float32)
+    distances = np.hypot(apart[:, 0], apart[:, 1])
+    near = np.flatnonzero(distances < NEAR)
+    squares = np.floor(points[near] / np.float32(APART)).astype(np.int64)
+    kept = near[np.unique((squares[:, 0] << 32) + squares[:, 1], return_index=True)[1]]
     if len(kept) > POINTS:
-        order = np.argpartition(np.hypot(*(kept - centre.astype(np.float32)).T), POINTS)[:POINTS]
-        kept = kept[np.sort(order)]
-    return kept
-
-
-def names(wheels: bool) -> Sequence[str]:
-    """Whom the belief may follow."""
-    return ("laser", "wheels") if wheels else ("laser", "unseen")
+        kept = kept[np.sort(np.argpartition(distances[kept], POINTS)[:POINTS])]
+    return points[kept]
 
 
 def _apart(step: Step) -> float | None:
@@ -195,5 +192,6 @@ def _sure(step: Step) -> bool:
 
 def _broken(first: Step, now: Step) -> bool:
     """No match leads from one to the other."""
-    assert first.motion.laser is not None and now.motion.laser is not None
+    assert first.motion.laser is not None
+    assert now.motion.laser is not None
     return first.motion.laser.stretch != now.motion.laser.stretch
