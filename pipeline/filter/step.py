@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.motion.prior import Prior
-from pipeline.motion.witnesses import Motion
+if TYPE_CHECKING:  # whoever only reads steps must not wait for numba
+    from pipeline.motion.prior import Prior
+    from pipeline.motion.witnesses import Motion
 
 
 @dataclass(frozen=True)

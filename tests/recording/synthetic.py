@@ -11,6 +11,7 @@ from pipeline.filter.step import Beams, Estimate, Event, Step
 from pipeline.geometry import Pose, compose, wrap_angle
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.witnesses import Motion
 
 LASER = Laser((0.25, 0.0, 0.0), -np.pi / 2, np.pi / 180, beams=180, range_min=0.0, range_max=20.0)
 Z = np.linspace(0.0, 10.0, 101)
@@ -104,5 +105,6 @@ def steps(log: Log, count: int, *, beams: int = 36, seed: int = 0) -> Iterator[S
             spread=float(np.hypot(*particles[:, :2].std(axis=0))),
             moved=True,
             resampled=scan.index % 3 == 0,
+            motion=Motion(scan.time, scan.odometry, None, None, scan.odometry),
             events=events,
         )
