@@ -37,6 +37,43 @@ what happened. Click an event or a curve to go there.
 
 {sampling}
 """
+_WITNESSES = """
+## Wheels and laser
+
+Two witnesses tell how the robot moved: the wheels, by how far they turned, and the laser, by how the walls moved that it
+sees. Either may err: wheels slip, or count the wrong way; a laser sees nothing new along a bare corridor. A particle
+follows one of them, and the weights decide whose particles go on. The tab *Wheels and laser* shows it.
+
+| drawn as | means |
+|---|---|
+| brown line and arrow | the way as the wheels say |
+| blue line and arrow | the way as the laser says, from the same start |
+| thin magenta line and arrow | the way as it was believed: that of the estimate, once it knows where it is |
+| black dots around the robot | walls that the laser remembers from the scans before |
+| rays | the scan as the laser fits it to these walls: the fit is right where the rays end on the dots |
+| brown and blue arrow at the robot, also on the map | wheels and laser contradict each other: from where the robot was a \
+second ago to where the wheels and where the laser say that it is now; beside it, how much of the belief followed the laser |
+| brown dots | where the scan would end if the wheels were right; if they are not, it misses the walls |
+
+The curves below: how far wheels and laser are apart, where 1 is the limit that two who are both right pass once in 100
+scans; the share of the beams that fit the remembered walls, where the laser says that the robot is (blue) and where the
+wheels say (brown); and how much of the belief follows the laser (blue) and the wheels (brown).
+"""
+_LASER_ALONE = """
+## The laser's odometry
+
+The laser alone tells how the robot moved, by how the walls moved that it sees. The tab *The way by the laser* shows it.
+
+| drawn as | means |
+|---|---|
+| blue line and arrow | the way as the laser says |
+| thin magenta line and arrow | the way as it was believed: that of the estimate, once it knows where it is |
+| black dots around the robot | walls that the laser remembers from the scans before |
+| rays | the scan as the laser fits it to these walls: the fit is right where the rays end on the dots |
+
+The curves below: the share of the beams that fit the remembered walls; and how much of the belief follows the laser (blue)
+and how much what nobody saw, a move of any kind nearby (brown).
+"""
 
 _LOG = """\
 A log before anybody has found the robot: the wheels tell how it moved, but not where in the building it began, so that
@@ -59,14 +96,15 @@ _LOG_MAP = "| black, white and grey | the map's walls, what is free, and what no
 _LOG_TRUTH = "| green ring, arrow and line | where it was in truth, with the same scan |\n"
 
 
-def explanation(config: Config) -> str:
-    """What the colours and curves mean, and how the recorded particles were chosen."""
+def explanation(config: Config, *, wheels: bool = True, laser: bool = True) -> str:
+    """What the colours and curves mean, as wheels and laser were heard; and how recorded particles were chosen."""
     sampling = (
         f"At most {config.record_particles} particles are recorded per scan: every k-th of the filter's list from a "
         "random start, so that each has the same chance to be drawn, whatever its weight. The histogram and the "
         "curves count all of them. What is drawn is rounded to 4 mm and 1 degree; the estimate is also stored exactly."
     )
-    return _EXPLANATION.format(sampling=sampling)
+    witnesses = "" if not laser else _WITNESSES if wheels else _LASER_ALONE
+    return _EXPLANATION.format(sampling=sampling) + witnesses
 
 
 def log_explanation(*, grid: bool, truth: bool, wheels: bool = True) -> str:

@@ -36,6 +36,8 @@ RUNS: tuple[Colour, ...] = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 12
 COLOUR_RANGE = (-2.0, 2.0)
 HISTOGRAM_RANGE = (-6.0, 5.0)
 HISTOGRAM_BINS = 55
+MOST_APART = 5.0
+"""Times the limit of chance at which the curve of how far wheels and laser are apart ends."""
 
 # viridis at 16 equal steps, light to dark: the heavier a particle, the darker on the map's white floor.
 WEIGHT_COLOURS: NDArray[np.uint8] = np.array(

@@ -71,7 +71,12 @@ class RerunSink:
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
-        self._hearing = Hearing(log)
+        # Who hears the wheels alone has nothing to compare them with.
+        self._wheels, self._laser = (
+            log.wheels and config.odometry != "laser",
+            config.odometry != "wheels" or not log.wheels,
+        )
+        self._hearing = Hearing(log.laser, wheels=self._wheels)
         self._heard: list[Row] = []
         self._contradicted = False
         self._longest_interval = longest_interval(log.times)
@@ -85,9 +90,7 @@ class RerunSink:
         )
         self._stream.set_log_time_enabled(False)
         self._started = np.datetime64(time.time_ns(), "ns")
-        # Who hears the wheels alone has nothing to compare them with.
-        self._laser_heard = config.odometry != "wheels" or not log.wheels
-        layout = blueprint(log.grid, motion=motion_tab(ground(log)) if self._laser_heard else None)
+        layout = blueprint(log.grid, motion=motion_tab(ground(log), wheels=self._wheels) if self._laser else None)
         try:
             if viewer is None:
                 self._stream.save(self.path, default_blueprint=layout)
@@ -241,7 +244,7 @@ class RerunSink:
         )
 
     def _log_styles(self) -> None:
-        witnesses = witness_styles(self._log.wheels) if self._laser_heard else {}
+        witnesses = witness_styles(self._wheels) if self._laser else {}
         for entity, archetypes in (styles() | witnesses).items():
             self._static(entity, *archetypes)
 
@@ -261,7 +264,7 @@ class RerunSink:
                 "versions": json.dumps(found),
             },
         )
-        self._document(entities.EXPLANATION, documents.explanation(config))
+        self._document(entities.EXPLANATION, documents.explanation(config, wheels=self._wheels, laser=self._laser))
         self._document(entities.RUN, documents.run(log, config, self._seed, found))
         if density is not None:
             z, p, true_range = (np.asarray(part, dtype=np.float32) for part in density)

@@ -32,7 +32,7 @@ from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import CURVES, Scenes
 from pipeline.recording.streams import opened, sending
-from pipeline.recording.witness_views import motion_tab, recorded_ground
+from pipeline.recording.witness_views import recorded_tab
 
 MOST = len(ascii_uppercase)
 NAMED = 2
@@ -93,8 +93,7 @@ def write_run(path: Path, run: Shown) -> None:
 
 
 def _fill_with_one(sink: Any, run: Shown) -> None:
-    ground = recorded_ground(run.file)
-    layout = blueprint(run.scenes.grid, motion=None if ground is None else motion_tab(ground))
+    layout = blueprint(run.scenes.grid, motion=recorded_tab(run.file))
     with opened(sink, run.file.application_id, run.file.recording_id, layout) as stream:
         stream.send_chunks(run.file.chunks)
 

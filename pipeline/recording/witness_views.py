@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from pipeline.logs.messages import Log
 from pipeline.recording import entities, palette
-from pipeline.recording.blueprint import Area, curves, known_area, looking_down, so_far
+from pipeline.recording.blueprint import FIELD_OF_VIEW, Area, curves, known_area, looking_down, so_far
 from pipeline.recording.rrd_file import RrdFile
-from pipeline.recording.witnesses import MOST
 
 MARGIN = 3.0  # metres around a path
 PATHS_ASPECT = 1.0
@@ -27,14 +26,17 @@ def ground(log: Log) -> Area:
     return Area((0.0, 0.0), (2.0 * width, 2.0 * height))
 
 
-def recorded_ground(file: RrdFile) -> Area | None:
-    """The same of a recording, from the paths in it; None if it has none."""
+def recorded_tab(file: RrdFile) -> rrb.Container | None:
+    """The tab of a run that was recorded, which lies where its paths do; None if it has none."""
     found = [
         chunk.to_record_batch()["LineStrips3D:strips"].flatten().flatten().flatten().to_numpy(zero_copy_only=False)
         for chunk in file.chunks
         if chunk.entity_path == entities.WAYS and not chunk.is_static
     ]
-    return around(np.concatenate(found).reshape(-1, 3)[:, :2]) if found else None
+    if not found:
+        return None
+    wheels = any(chunk.entity_path == entities.APART for chunk in file.chunks)
+    return motion_tab(around(np.concatenate(found).reshape(-1, 3)[:, :2]), wheels=wheels)
 
 
 def around(places: NDArray[np.floating]) -> Area:
@@ -44,11 +46,11 @@ def around(places: NDArray[np.floating]) -> Area:
     return Area((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
 
 
-def motion_tab(area: Area) -> rrb.Container:
+def motion_tab(area: Area, *, wheels: bool = True) -> rrb.Container:
     """The paths by either witness, how the scan fits what was seen before, and curves of what they say."""
     paths = rrb.Spatial3DView(
         origin=entities.MOTION,
-        name="The way: brown by the wheels, blue by the laser, magenta as believed",
+        name="The way: " + ("brown by the wheels, " if wheels else "") + "blue by the laser, magenta as believed",
         contents=f"{entities.MOTION}/**",
         eye_controls=looking_down(area, PATHS_ASPECT),
         line_grid=False,
@@ -57,7 +59,8 @@ def motion_tab(area: Area) -> rrb.Container:
     )
     close = rrb.Spatial3DView(
         origin=entities.LASER,
-        name="Black: walls seen before. Rays: the scan by the laser. Brown: the scan by the wheels",
+        name="Black: walls seen before. Rays: the scan by the laser."
+        + (" Brown: the scan by the wheels" if wheels else ""),
         contents=[
             f"{entities.LASER}/**",
             f"- {entities.EXPECTED}",
@@ -66,16 +69,24 @@ def motion_tab(area: Area) -> rrb.Container:
         ],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=(1.0, 0.0, CLOSE / float(np.tan(np.deg2rad(55.0) / 2))),
+            position=(1.0, 0.0, CLOSE / float(np.tan(FIELD_OF_VIEW / 2))),
             look_target=(1.0, 0.0, 0.0),
             eye_up=(1.0, 0.0, 0.0),
         ),
         line_grid=False,
         background=palette.FLOOR,
     )
+    fits = ("Beams that fit: by the laser (blue), by the wheels", "Belief that follows the laser (blue), the wheels")
+    alone = ("Beams that fit the walls seen before", "Belief that follows the laser (blue), or neither")
+    names = fits if wheels else alone
     told = [
-        curves("Wheels and laser apart; 1: the limit of chance", entities.APART, most=MOST),
-        curves("Beams that fit: by the laser (blue), by the wheels", entities.FIT, most=1.0, around=AROUND),
-        curves("Belief that follows the laser (blue), the wheels", entities.FOLLOWED, most=1.0, around=AROUND),
+        *(
+            [curves("Wheels and laser apart; 1: the limit of chance", entities.APART, most=palette.MOST_APART)]
+            if wheels
+            else []
+        ),
+        curves(names[0], entities.FIT, most=1.0, around=AROUND),
+        curves(names[1], entities.FOLLOWED, most=1.0, around=AROUND),
     ]
-    return rrb.Vertical(rrb.Horizontal(paths, close), rrb.Horizontal(*told), row_shares=[3, 1], name="Wheels and laser")
+    title = "Wheels and laser" if wheels else "The way by the laser"
+    return rrb.Vertical(rrb.Horizontal(paths, close), rrb.Horizontal(*told), row_shares=[3, 1], name=title)

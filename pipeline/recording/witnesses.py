@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from pipeline.filter.step import Step
 from pipeline.geometry import between, compose, inverse, wrap_angle
-from pipeline.logs.messages import Log
+from pipeline.logs.messages import Laser
 from pipeline.motion.prior import AGREE
+from pipeline.recording import palette
 
 Array = NDArray[np.float64]
 
@@ -19,8 +20,6 @@ WHILE = 1.0
 """s: contradictions are drawn over so long a way: between two scans a robot moves by less than its own radius."""
 NOTICEABLE, NOTICEABLE_TURN = 0.1, np.deg2rad(5.0)
 """m, rad: witnesses that end closer together are not drawn apart."""
-MOST = 5.0
-"""Times the limit of disagreement at which its curve ends."""
 SURE_SPREAD, SURE_WEIGHT = 0.5, 0.95
 """m, and weight of the best hypothesis: from then on the estimate says how the robot moved."""
 POINTS, APART, NEAR = 250, 0.15, 10.0
@@ -50,8 +49,9 @@ class Heard:
     ``before``: those of the step before.
 
     ``fits``: the share of the beams that fit the remembered walls where the laser says, and, with wheels, where they
-    say; ``apart``: disagreement over its 99 % limit, as a deviation, MOST at most; ``followed``: share of the weight
-    that followed the laser, and the other. Both None where the robot did not move, ``apart`` also where one is silent.
+    say; ``apart``: disagreement over its 99 % limit, as a deviation, MOST_APART at most; ``followed``: share of the
+    weight that followed the laser, and the other. Both None where the robot did not move, ``apart`` also where one is
+    silent.
     ``walls`` (k, 2): the points that were remembered before this scan, in the frame of the laser's odometry, None if
     as before; ``frame`` (3,): that frame, seen from the laser. ``said``: see there; None if there is no contradiction.
     """
@@ -75,8 +75,8 @@ class _Past:
 class Hearing:
     """Listens to the steps of a run in their order."""
 
-    def __init__(self, log: Log) -> None:
-        self._wheels, self._mount = log.wheels, np.array(log.laser.pose)
+    def __init__(self, laser: Laser, *, wheels: bool) -> None:
+        self._wheels, self._mount = wheels, np.array(laser.pose)
         self._last: tuple[Step, Poses] | None = None
         self._past: deque[_Past] = deque()
         self._walls: NDArray[np.float32] | None = None
@@ -171,7 +171,7 @@ def thinned(points: NDArray[np.float32], centre: Array) -> NDArray[np.float32]:
 def _apart(step: Step) -> float | None:
     if step.prior is None or not np.isfinite(step.prior.disagreement):
         return None
-    return min(float(np.sqrt(step.prior.disagreement / AGREE)), MOST)
+    return min(float(np.sqrt(step.prior.disagreement / AGREE)), palette.MOST_APART)
 
 
 def _followed(step: Step) -> tuple[float, float] | None:
