@@ -40,9 +40,9 @@ what happened. Click an event or a curve to go there.
 _WITNESSES = """
 ## Wheels and laser
 
-Two witnesses tell how the robot moved: the wheels, by how far they turned, and the laser, by how the walls moved that it
-sees. Either may err: wheels slip, or count the wrong way; a laser sees nothing new along a bare corridor. A particle
-follows one of them, and the weights decide whose particles go on. The tab *Wheels and laser* shows it.
+Two witnesses tell how the robot moved: the wheels, by how far they turned, and the laser, by how the walls that it
+sees moved. Either may err: wheels slip, or count the wrong way; a laser sees nothing new along a bare corridor. A
+particle follows one of them, and the weights decide whose particles go on. The tab *Wheels and laser* shows it.
 
 | drawn as | means |
 |---|---|
@@ -51,8 +51,8 @@ follows one of them, and the weights decide whose particles go on. The tab *Whee
 | thin magenta line and arrow | the way as it was believed: that of the estimate, once it knows where it is |
 | black dots around the robot | walls that the laser remembers from the scans before |
 | rays | the scan as the laser fits it to these walls: the fit is right where the rays end on the dots |
-| brown and blue arrow at the robot, also on the map | wheels and laser contradict each other: from where the robot was a \
-second ago to where the wheels and where the laser say that it is now; beside it, how much of the belief followed the laser |
+| brown and blue arrow at the robot, also on the map | wheels and laser contradict each other: from where the robot \
+was a second ago to where either says that it is now; beside it, how much of the belief followed the laser |
 | brown dots | where the scan would end if the wheels were right; if they are not, it misses the walls |
 
 The curves below: how far wheels and laser are apart, where 1 is the limit that two who are both right pass once in 100
@@ -71,8 +71,8 @@ The laser alone tells how the robot moved, by how the walls moved that it sees. 
 | black dots around the robot | walls that the laser remembers from the scans before |
 | rays | the scan as the laser fits it to these walls: the fit is right where the rays end on the dots |
 
-The curves below: the share of the beams that fit the remembered walls; and how much of the belief follows the laser (blue)
-and how much what nobody saw, a move of any kind nearby (brown).
+The curves below: the share of the beams that fit the remembered walls; and how much of the belief follows the laser
+(blue) and how much what nobody saw, a move of any kind nearby (brown).
 """
 
 _LOG = """\
@@ -81,15 +81,16 @@ odometry and map are drawn apart. The wheels slip, and so the path bends and dri
 
 | drawn as | means |
 |---|---|
-| dark grey ring, arrow and line | the robot by its odometry, and its path so far |
+| brown ring, arrow and line | the robot by its wheels, and its path so far |
 """
+_LOG_LASER = "| blue ring, arrow and line | the robot by its wheels and its laser together, from the same start |\n"
 _LOG_STILL = """\
 A log before anybody has found the robot. Nothing in it tells how the wheels turned, so that the robot is drawn standing
 still, apart from the map, and what it sees moves around it.
 
 | drawn as | means |
 |---|---|
-| dark grey ring and arrow | the robot, in its own frame |
+| brown ring and arrow | the robot, in its own frame |
 """
 _LOG_BEAMS = "| blue dots | where the laser's beams end, as seen from the robot |\n"
 _LOG_MAP = "| black, white and grey | the map's walls, what is free, and what nobody knows |\n"
@@ -109,7 +110,12 @@ def explanation(config: Config, *, wheels: bool = True, laser: bool = True) -> s
 
 def log_explanation(*, grid: bool, truth: bool, wheels: bool = True) -> str:
     """What the picture of a log shows, with a map, with the truth and with odometry where it knows them."""
-    return (_LOG if wheels else _LOG_STILL) + _LOG_BEAMS + (_LOG_MAP if grid else "") + (_LOG_TRUTH if truth else "")
+    return (
+        (_LOG + _LOG_LASER if wheels else _LOG_STILL)
+        + _LOG_BEAMS
+        + (_LOG_MAP if grid else "")
+        + (_LOG_TRUTH if truth else "")
+    )
 
 
 def run(log: Log, config: Config, seed: int, versions: Mapping[str, str]) -> str:

@@ -20,7 +20,6 @@ ESTIMATE: Colour = (204, 0, 110)
 TRUTH: Colour = (0, 140, 100)
 HYPOTHESIS: Colour = (240, 110, 180)
 HINDSIGHT: Colour = (86, 180, 233)
-ODOMETRY: Colour = (60, 60, 60)
 WHEELS: Colour = (185, 105, 0)  # what either says of the way; far apart for every kind of colour vision
 LASER: Colour = (20, 90, 230)
 WALLS: Colour = (70, 70, 70)
