@@ -194,7 +194,7 @@ def inspect(
         if gap := found.gap_at(at):
             between = f"there is none from {gap[0]:.1f} s to {gap[1]:.1f} s"
             console.note(f"no scan near {at:g} s, {between}: this is scan {pose.scan}, {at - pose.time:.1f} s earlier")
-        said = found.testimonies.at(pose.scan)
+        said = found.statements.at(pose.scan)
         if as_json:
             console.emit_json(asdict(pose) | ({} if said is None else {"witnesses": asdict(said)}))
         else:

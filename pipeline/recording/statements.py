@@ -16,7 +16,7 @@ from pipeline.recording import entities
 
 
 @dataclass(frozen=True)
-class Testimony:
+class Statement:
     """Of one scan: ``laser`` and ``wheels``, steps (m, m, rad in the robot's frame) since the scan before, to 4 mm,
     ``wheels`` None where there are none; ``apart``: their disagreement over its 99 % limit, as a deviation; ``fit`` and
     ``fit_by_wheels``: shares of the beams that fit the walls seen before, where either says; ``follows_laser``: share
@@ -44,7 +44,7 @@ class Testimony:
         return "; ".join(told)
 
 
-class Testimonies:
+class Statements:
     """What the chunks of a recording say of the witnesses; nothing where only the wheels were heard."""
 
     def __init__(self, chunks: Iterable[Any]) -> None:
@@ -54,7 +54,7 @@ class Testimonies:
             if chunk.entity_path in self._chunks and entities.SCAN in chunk.timeline_names:
                 self._chunks[chunk.entity_path].append(chunk)
 
-    def at(self, scan: int) -> Testimony | None:
+    def at(self, scan: int) -> Statement | None:
         """What was said at a scan; None if nothing is known."""
         places = self._row(entities.HEADS, "Arrows3D:origins", scan)
         ways = self._row(entities.HEADS, "Arrows3D:vectors", scan)
@@ -65,7 +65,7 @@ class Testimonies:
         steps = [_step(step) for step in between(_poses(earlier, earlier_ways), _poses(places, ways))]
         fits = self._row(entities.FIT, "Scalars:scalars", scan)
         apart, followed = (self._row(e, "Scalars:scalars", scan) for e in (entities.APART, entities.FOLLOWED))
-        return Testimony(
+        return Statement(
             laser=steps[-2],
             wheels=steps[0] if len(steps) > 2 else None,
             apart=None if apart is None else float(apart[0]),
