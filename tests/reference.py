@@ -173,6 +173,12 @@ def move_by(poses, steps, which, key: int, quantiles) -> np.ndarray:
     return moved
 
 
+def followed(weights, way_of, key: int, ways: int) -> np.ndarray:
+    """How much of the weights belongs to the particles that took each way: the top eight of a particle's bits say."""
+    took = [way_of[random_bits(key, i) >> 56] for i in range(len(weights))]
+    return np.array([sum(w for w, t in zip(weights, took, strict=True) if t == way) for way in range(ways)])
+
+
 # --- the sensor model ------------------------------------------------------------------------------------------------
 
 

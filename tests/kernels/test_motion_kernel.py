@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.geometry import between
-from pipeline.kernels.motion import SHARES, move
+from pipeline.kernels.motion import SHARES, followed, move
 from pipeline.kernels.random import normal_quantiles, stream_key
 
 QUANTILES = normal_quantiles()
@@ -175,3 +175,12 @@ def test_only_the_drive_along_slips() -> None:
         plain, slipped = (moved_by(poses, [way], shared_out(256), key, drives=d) for d in (QUANTILES, slipping))
         assert np.array_equal(plain, slipped) != slips
         np.testing.assert_array_equal(plain[:, 2], slipped[:, 2])
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 300), st.integers(0, SHARES))
+@settings(max_examples=40, deadline=None)
+def test_who_followed_which_way_agrees_with_the_twin(seed: int, n: int, first: int) -> None:
+    weights, which = np.random.default_rng(seed).random(n), shared_out(first, SHARES - first).astype(np.int32)
+    out, key = np.full(2, np.nan), stream_key(seed, 1, 1)
+    followed(weights, which, key, out)
+    np.testing.assert_allclose(out, reference.followed(weights, which, int(key), 2), rtol=1e-12, atol=1e-12)
