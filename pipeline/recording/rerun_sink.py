@@ -72,10 +72,8 @@ class RerunSink:
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
         # Who hears the wheels alone has nothing to compare them with.
-        self._wheels, self._laser = (
-            log.wheels and config.odometry != "laser",
-            config.odometry != "wheels" or not log.wheels,
-        )
+        self._wheels = log.wheels and config.odometry != "laser"
+        self._laser = config.odometry != "wheels" or not log.wheels
         self._hearing = Hearing(log.laser, wheels=self._wheels)
         self._heard: list[Row] = []
         self._contradicted = False
@@ -181,7 +179,8 @@ class RerunSink:
         if self._frames:
             self._outbox += batch_columns(self._frames, self._is_hit)
             if self._heard:
-                self._outbox += witness_columns(self._heard, self._contradicted)
+                silent = [f.silent_since for f in self._frames if f.silent_since is not None]
+                self._outbox += witness_columns(self._heard, shown=self._contradicted, silent=silent)
                 self._contradicted = self._heard[-1][1].said is not None
             self._frames, self._heard = [], []
         while self._outbox:

@@ -10,7 +10,7 @@ import rerun as rr
 
 from pipeline.filter.step import Step
 from pipeline.recording import entities, palette
-from pipeline.recording.columns import Columns, lift, timelines, transforms
+from pipeline.recording.columns import Columns, curve_stops, lift, timelines, transforms
 from pipeline.recording.witnesses import Heard, Said
 
 Row = tuple[Step, Heard]
@@ -18,16 +18,17 @@ Row = tuple[Step, Heard]
 COARSE = 1 / 64  # metres, of remembered points: some are as far off their walls, and fewer bytes tell
 HEAD = 0.7  # metres
 HEIGHTS = (0.03, 0.04, 0.05)  # metres: what is believed lies on top
-LABEL = 1.3  # metres
+LABEL = 1.8  # metres
 _thin, _line, _dot, _thick = (rr.Radius.ui_points(size) for size in (0.5, 1.0, 2.0, 2.5))
 _arrow = _dot
 CURVES = (entities.APART, entities.FIT, entities.FOLLOWED)
 
 
-def witness_columns(rows: Sequence[Row], shown: bool) -> list[Columns]:
-    """What these steps (at least one) add; ``shown``: a contradiction is on the map from the batch before."""
+def witness_columns(rows: Sequence[Row], *, shown: bool, silent: Sequence[float] = ()) -> list[Columns]:
+    """What these steps (at least one) add; ``shown``: a contradiction is on the map from the batch before; ``silent``:
+    times, s, since when nothing was measured for long."""
     steps, heard = [s for s, _ in rows], [h for _, h in rows]
-    index = _index(steps)
+    index, wheels = _index(steps), heard[0].now[0] is not None
     return [
         (entities.WAYS, index, _ways(heard)),
         (entities.HEADS, index, _heads(heard)),
@@ -37,6 +38,7 @@ def witness_columns(rows: Sequence[Row], shown: bool) -> list[Columns]:
         *_followed(rows),
         *_walls(rows),
         *_said(rows, shown),
+        *(curve_stops(entity, silent) for entity in CURVES if silent and (entity != entities.APART or wheels)),
     ]
 
 

@@ -76,7 +76,7 @@ def motion_tab(area: Area, *, wheels: bool = True) -> rrb.Container:
         line_grid=False,
         background=palette.FLOOR,
     )
-    fits = ("Beams that fit: by the laser (blue), by the wheels", "Belief that follows the laser (blue), the wheels")
+    fits = ("Beams that fit: laser (blue), wheels (brown)", "Belief that follows the laser (blue), wheels (brown)")
     alone = ("Beams that fit the walls seen before", "Belief that follows the laser (blue), or neither")
     names = fits if wheels else alone
     told = [

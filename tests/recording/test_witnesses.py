@@ -123,6 +123,18 @@ def test_a_contradiction_is_drawn_over_a_second_and_goes_away(told):
     assert len(told.column(entities.SAID_SCAN, "Points3D:positions")[10]) == returned
 
 
+def test_curves_stop_where_the_log_is_silent(record):
+    log = drive(40)
+    stamps = log.stamps + np.where(np.arange(40) < 20, 0, 30_000_000_000)
+    log = dataclasses.replace(log, stamps=stamps)
+    run = record(log=log, seen=list(heard(log, steps(log, 40))))
+    for entity in CURVES:
+        chunks = [c for c in run.file.chunks if c.entity_path == entity and not c.is_static]
+        (stop,) = [c.to_record_batch() for c in chunks if entities.SCAN not in c.timeline_names]
+        assert stop["Scalars:scalars"].to_pylist() == [[]]
+        assert stop[entities.TIME].cast("int64").to_pylist() == [round(log.times[19] * 1e9) + 1]
+
+
 def test_a_contradiction_across_batches_goes_away_too(record):
     log = drive(70)
     seen = list(heard(log, steps(log, 40), reversed_in=range(50, 59)))
