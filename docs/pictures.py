@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import shutil
 import socket
@@ -19,9 +20,13 @@ from rerun.experimental import ViewerClient
 
 from converters import convert
 from pipeline.config import load_config
+from pipeline.export.run import read_run
+from pipeline.geometry import between, compose
 from pipeline.inspect import inspect
+from pipeline.logs.messages import Log
 from pipeline.logs.reader import read_log
 from pipeline.recording.run_folder import create
+from pipeline.recording.side_by_side import Shown, write_run
 from pipeline.recording.viewer import program, quiet
 from pipeline.replay import replay
 from pipeline.share.pages import share
@@ -29,6 +34,8 @@ from pipeline.simulate import sample_dir
 
 PICTURES = Path(__file__).with_name("pictures")
 CARRIED_OFF = (40.0, 60.0)
+BACKWARDS = (50.0, 56.0)
+WITNESSES_TAB = 2
 SIZE = (1440, 782)
 BROWSER_FRAME = 90  # rows that a window has beside its page, some of them
 TITLE_BAR = 38  # rows of the viewer's own window that say nothing about a run
@@ -61,6 +68,23 @@ def main() -> None:
             take(run.path, at, PICTURES / f"{name}.png")
             browse(run.path, at, PICTURES / f"page_{name}.png")
             print(f"{name}: {run.pose_at(at).time:.1f} s")
+        wrong = wheels_backwards(read_log(Path(folder) / "office.mcap"))
+        made = create("witnesses", Path(folder) / "witnesses")
+        replay(wrong, load_config(), made)
+        run, front = read_run(made.path), Path(folder) / "witnesses.rrd"
+        write_run(front, Shown(run.name, run.file, run.scenes), tab=WITNESSES_TAB)
+        take(front, BACKWARDS[1] - 1.0, PICTURES / "witnesses.png")
+
+
+def wheels_backwards(log: Log) -> Log:
+    """The same drive, but for some seconds the wheels count forwards as backwards."""
+    steps = between(log.odometry[:-1], log.odometry[1:])
+    wrong = (log.times[1:] > BACKWARDS[0]) & (log.times[1:] <= BACKWARDS[1])
+    steps[wrong, :2] *= -1.0
+    poses = [log.odometry[0]]
+    for step in steps:
+        poses.append(compose(poses[-1], step))
+    return dataclasses.replace(log, odometry=np.array(poses), name="office_backwards")
 
 
 def take(recording: Path, at: float, picture: Path) -> None:

@@ -21,6 +21,7 @@ from pipeline.recording import entities
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile, read_rrd
 from pipeline.recording.run_folder import RECORDING
+from pipeline.recording.statements import Statements
 
 NAMED = 8
 """Runs of a folder that are named."""
@@ -72,7 +73,7 @@ class Inspection:
     ``log_scans``: scans in the log, of which ``scans`` were recorded; ``duration``: seconds from the first to the
     last of these; ``timings``: wall seconds by part; ``figures``: what the run said at its end; ``damage``: one
     line, empty if the file is whole. ``stamps`` (n,) int64 ns, ``times`` (n,) s, ``poses`` (n, 3) float64 in the
-    map frame, ``covariances`` (n, 3, 3).
+    map frame, ``covariances`` (n, 3, 3); ``statements``: what wheels and laser said of the way.
     """
 
     path: Path
@@ -95,6 +96,7 @@ class Inspection:
     times: NDArray[np.float64]
     poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    statements: Statements
 
     @property
     def scans(self) -> int:
@@ -235,6 +237,7 @@ def inspect_file(path: Path, file: RrdFile) -> Inspection:
         times=_index(record, entities.TIME) / 1e9,
         poses=_numbers(record, f"{entities.RECORD_TYPE}:pose", np.float64).reshape(-1, 3),
         covariances=_numbers(record, f"{entities.RECORD_TYPE}:covariance", np.float64).reshape(-1, 3, 3),
+        statements=Statements(file.chunks),
     )
 
 

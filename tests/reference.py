@@ -156,6 +156,29 @@ def move(poses, motion, std, key: int, quantiles) -> np.ndarray:
     return moved
 
 
+def move_by(poses, steps, which, key: int, quantiles) -> np.ndarray:
+    """One particle at a time: each makes the step, a Gaussian (mean, covariance), that its eight bits choose."""
+    moved = np.empty(poses.shape)
+    for i, (x, y, theta) in enumerate(poses.astype(float)):
+        bits = random_bits(key, i)
+        mean, covariance = steps[which[bits >> 56]]
+        draws = np.array([float(quantiles[(bits >> shift) & 0xFFFF]) for shift in (0, 16, 32)])
+        dx, dy, turn = mean + np.linalg.cholesky(covariance) @ draws
+        moved[i] = (
+            x + math.cos(theta) * dx - math.sin(theta) * dy,
+            y + math.sin(theta) * dx + math.cos(theta) * dy,
+            theta + turn,
+        )
+    moved[:, 2] = np.mod(moved[:, 2] + np.pi, 2 * np.pi) - np.pi
+    return moved
+
+
+def followed(weights, way_of, key: int, ways: int) -> np.ndarray:
+    """How much of the weights belongs to the particles that took each way: the top eight of a particle's bits say."""
+    took = [way_of[random_bits(key, i) >> 56] for i in range(len(weights))]
+    return np.array([sum(w for w, t in zip(weights, took, strict=True) if t == way) for way in range(ways)])
+
+
 # --- the sensor model ------------------------------------------------------------------------------------------------
 
 
@@ -331,15 +354,25 @@ def moments(poses, weights) -> tuple[float, np.ndarray, np.ndarray]:
 # --- hindsight -------------------------------------------------------------------------------------------------------
 
 
-def predecessor_densities(poses, at, moved, std, jump: float) -> np.ndarray:
-    """How likely each pose (n, 3) led to ``at`` by the move: Gaussian in the earlier pose's frame, or a jump."""
+def predecessor_densities(poses, at, ways, jump: float) -> np.ndarray:
+    """How likely each pose (n, 3) led to ``at``: by one of the ``ways`` (move, deviations, share), or by a jump.
+
+    Each way is a Gaussian in the earlier pose's frame, in units of its own peak; so is the jump.
+    """
     densities = []
     for x, y, theta in poses.astype(float):
-        dx, dy = at[0] - x, at[1] - y
-        turn = math.remainder(at[2] - theta - moved[2], 2 * math.pi)
-        along, across = math.cos(theta) * dx + math.sin(theta) * dy, math.cos(theta) * dy - math.sin(theta) * dx
-        errors = (along - moved[0]) / std[0], (across - moved[1]) / std[1], turn / std[2]
-        densities.append(math.exp(-sum(e * e for e in errors) / 2) + jump)
+        total = 0.0
+        for moved, std, share in ways:
+            # Where the move leads from this pose, and how far the other one is from there along its own axes.
+            to_x = x + math.cos(theta) * moved[0] - math.sin(theta) * moved[1]
+            to_y = y + math.sin(theta) * moved[0] + math.cos(theta) * moved[1]
+            off = np.array([[math.cos(theta), math.sin(theta)], [-math.sin(theta), math.cos(theta)]]) @ (
+                at[0] - to_x,
+                at[1] - to_y,
+            )
+            errors = off[0] / std[0], off[1] / std[1], math.remainder(at[2] - theta - moved[2], 2 * math.pi) / std[2]
+            total += share * (math.exp(-sum(e * e for e in errors) / 2) + jump)
+        densities.append(total)
     return np.array(densities)
 
 

@@ -168,7 +168,7 @@ def simulate(
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Drive through a made-up building, and write the log, the map and the truth.
+    """Drive through a made-up building: a log, a map and the truth.
 
     The description says what laser the robot has, and whether it has a gyroscope.
     """

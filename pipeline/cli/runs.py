@@ -194,14 +194,17 @@ def inspect(
         if gap := found.gap_at(at):
             between = f"there is none from {gap[0]:.1f} s to {gap[1]:.1f} s"
             console.note(f"no scan near {at:g} s, {between}: this is scan {pose.scan}, {at - pose.time:.1f} s earlier")
+        said = found.statements.at(pose.scan)
         if as_json:
-            console.emit_json(asdict(pose))
+            console.emit_json(asdict(pose) | ({} if said is None else {"witnesses": asdict(said)}))
         else:
             console.result(
                 f"{pose.time:.3f} s, scan {pose.scan}: x {pose.x:.3f} m, y {pose.y:.3f} m, "
                 f"yaw {math.degrees(pose.yaw):.1f} deg (sigma {pose.sigma_x:.3f} m, {pose.sigma_y:.3f} m, "
                 f"{math.degrees(pose.sigma_yaw):.1f} deg)"
             )
+            if said is not None:
+                console.result(said.sentence)
     elif as_json:
         console.emit_json(found.to_dict())
     elif export is None:

@@ -32,6 +32,7 @@ class Belief:
         self._mover = Mover(config.slip)
         self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
+        self.followed: NDArray[np.float64] = np.empty(0)
 
     def resample(self, scan: int) -> bool:
         """Survivors replace the particles, if the weights have become uneven; returns whether they did.
@@ -52,8 +53,11 @@ class Belief:
 
         Returns the logarithm of the mean of the scan's tempered likelihood over the particles.
         """
-        self._mover.move(self.particles.poses, prior, stream_key(self._seed, scan, MOTION), slipping)
-        return self.weigh(reading)
+        key = stream_key(self._seed, scan, MOTION)
+        self._mover.move(self.particles.poses, prior, key, slipping)
+        evidence = self.weigh(reading)
+        self.followed = self._mover.followed(self.particles.weights, prior, key)
+        return evidence
 
     def weigh(self, reading: Reading) -> float:
         """Every particle is weighed by how well its pose explains the scan; returns the scan's log-evidence."""

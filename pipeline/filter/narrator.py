@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from pipeline.filter.contradiction import Contradiction
 from pipeline.filter.recovery import Verdict
 from pipeline.filter.step import Event, Step
 
@@ -25,6 +26,7 @@ class Narrator:
         self._updates = 0
         self._resampled = 0
         self._pace = ""
+        self._contradiction = Contradiction()
 
     def tell(self, step: Step, verdict: Verdict | None) -> Step:
         """The step, with its events. ``verdict``: of the recovery, if any."""
@@ -34,6 +36,7 @@ class Narrator:
             *self._health(step, verdict),
             *self._belief(step),
             *self._resampling(step),
+            *self._contradiction.hear(step),
         ]
         return dataclasses.replace(step, events=tuple(events))
 

@@ -116,10 +116,13 @@ class ParticleFilter:
         n = min(belief.particles.n, self._config.max_particles // 2)
         found, evidence = proposed(self._grid, self._sensor, before, reading, n, key)
         rest = 1.0 - unseen.share
-        others = belief.advance(prior.without(unseen), reading, scan) + math.log(max(rest, 1e-3))
+        told = prior.without(unseen)
+        others = belief.advance(told, reading, scan) + math.log(max(rest, 1e-3))
         evidence += math.log(unseen.share)
-        share = 1.0 / (1.0 + math.exp(min(others - evidence, 500.0)))
-        belief.admit(found.poses, min(share, 0.999), key)
+        share = min(1.0 / (1.0 + math.exp(min(others - evidence, 500.0))), 0.999)
+        belief.admit(found.poses, share, key)
+        if told is not prior and len(told.components) < len(prior.components):
+            belief.followed = np.append((1.0 - share) * belief.followed, share)
 
     def _learn(self, step: Step) -> None:
         if step.estimate.weight > TRUSTED:
@@ -157,6 +160,8 @@ class ParticleFilter:
             resampled=resampled,
             motion=motion,
             prior=prior,
+            followed=None if prior is None else self._belief.followed,
+            walls=None if motion.laser is None else _read_only(self._witnesses.walls),
             heat=self._sensor.heat(),
         )
 

@@ -133,8 +133,8 @@ class Recovery:
 
     def _hear(self, belief: Belief, reading: Reading, at: NDArray[np.float64]) -> None:
         poses = np.vstack([self._place(belief), self.rivals.poses])
-        testimony, weight = self._sensor.testimony(poses, reading)
-        self._evidence.enter(testimony, self._sensor.ends(at, reading), at[:2], weight)
+        statement, weight = self._sensor.statement(poses, reading)
+        self._evidence.enter(statement, self._sensor.ends(at, reading), at[:2], weight)
 
     def _decide(self, belief: Belief, scan: Scan) -> Verdict | None:
         leads = self._evidence.leads()

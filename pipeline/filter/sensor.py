@@ -112,7 +112,7 @@ class Sensor:
         heat[:, 2] = best - best[0]
         return heat.astype(np.float32)
 
-    def testimony(self, poses: NDArray[np.float64], reading: Reading) -> tuple[NDArray[np.float64], float]:
+    def statement(self, poses: NDArray[np.float64], reading: Reading) -> tuple[NDArray[np.float64], float]:
         """(n, k) log-likelihood of each beam at poses (n, 3) of the grid frame, by the beam model; and for how many
         independent beams one counts."""
         codes, outside = self._expected.codes_at(poses)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.motion.prior import Prior
-from pipeline.motion.witnesses import Motion
+if TYPE_CHECKING:  # whoever only reads steps must not wait for numba
+    from pipeline.motion.prior import Prior
+    from pipeline.motion.witnesses import Motion
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Beams:
 @dataclass(frozen=True)
 class Event:
     """Something worth a line: ``kind`` is a word (started, searched, converged, diverged, resampled,
-    lost, found), ``text`` a sentence."""
+    lost, found, contradicted), ``text`` a sentence."""
 
     kind: str
     text: str
@@ -59,7 +61,10 @@ class Step:
     ``heat`` (m, 3) float32, where the building was searched at this scan: x, y in the map frame of the best cells, and
     by how many nats, tempered, the best pose in each is behind the best of all (0 or less).
     ``spread``: RMS distance of the particles from the estimate, m; ``moved``: the robot moved since the last update.
-    ``motion``: what wheels and laser say of the way so far; ``prior``: how the particles moved, None if they did not.
+    ``motion``: what wheels and laser say of the way so far; ``prior``: how the particles moved, None if they did not;
+    ``followed`` (components of the prior,): how much of the weight, once weighed, is of particles that followed each,
+    None without a prior. ``walls`` (4, k) float32: what the laser's odometry remembers, points (m) in its own frame and
+    normals, a read-only view, valid until the next update; None if only the wheels are heard.
     """
 
     index: int
@@ -78,5 +83,7 @@ class Step:
     resampled: bool
     motion: Motion
     prior: Prior | None = None
+    followed: NDArray[np.float64] | None = None
+    walls: NDArray[np.float32] | None = None
     heat: NDArray[np.float32] | None = None
     events: tuple[Event, ...] = ()

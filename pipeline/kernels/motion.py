@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
-from pipeline.kernels import BLOCK, paired
+from pipeline.kernels import BLOCK, kernel, paired
 from pipeline.kernels.elementary import sine_cosine, wrapped
 from pipeline.kernels.random import random_bits
 
@@ -13,6 +13,15 @@ SHARES = 256
 """The ways are chosen among by eight random bits."""
 _LOW16 = np.uint64(0xFFFF)
 _S16, _S32, _S56 = np.uint64(16), np.uint64(32), np.uint64(56)
+
+
+@kernel
+def followed(weights, way_of, key, out):
+    """``out`` (k,): how much of the ``weights`` (n,) belongs to the particles that took each way of ``move``; the same
+    ``way_of`` and ``key``."""
+    out[:] = 0.0
+    for i in range(weights.shape[0]):
+        out[way_of[random_bits(key, i) >> _S56]] += weights[i]
 
 
 @paired

@@ -22,6 +22,14 @@ class Mover:
         ways = np.array([_way(component) for component in prior.components], np.float32)
         motion.move(30 * poses.shape[1], *poses, ways, way_of(prior), key, self._quantiles, drives)
 
+    def followed(self, weights: NDArray[np.float64], prior: Prior, key: np.uint64) -> NDArray[np.float64]:
+        """(components,): how much of the weights (n,), given after the move, is of particles that followed each."""
+        shares = np.ones(len(prior.components))
+        if len(shares) == 1:
+            return shares
+        motion.followed(weights, way_of(prior), key, shares)
+        return shares
+
 
 def way_of(prior: Prior) -> NDArray[np.int32]:
     """(256,) int32: the component that a particle follows, for its eight random bits: in proportion to the shares."""

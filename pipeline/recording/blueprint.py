@@ -56,8 +56,11 @@ def known_area(grid: OccupancyGrid) -> Area:
     return Area((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
 
 
-def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
-    """The layout for a run on this map, with that tab in front: 0 the map, 1 the flat map, 2 and on the texts."""
+def blueprint(grid: OccupancyGrid, *, tab: int = 0, motion: rrb.Container | None = None) -> rrb.Blueprint:
+    """The layout for a run on this map, with that tab in front: 0 the map, 1 the flat map, 2 and on the others.
+
+    ``motion``: a tab about the witnesses of motion, the third, where there is more than one.
+    """
     beside = [
         rrb.BarChartView(
             name="Weights: log10(weight / mean weight), %",
@@ -85,7 +88,8 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0) -> rrb.Blueprint:
         # The sentences say when: rerun makes a column as wide as its title, which is too narrow for times.
         columns=rrb.TextLogColumns(timeline_columns=[entities.TIME], text_log_columns=["loglevel", "body"]),
     )
-    tabs = rrb.Tabs(*map_views(known_area(grid)), *documents, active_tab=tab)
+    told = [] if motion is None else [motion]
+    tabs = rrb.Tabs(*map_views(known_area(grid)), *told, *documents, active_tab=tab)
     return arranged(tabs, events, rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]))
 
 
@@ -108,7 +112,8 @@ def framed(content: rrb.Container) -> rrb.Blueprint:
 
 def map_views(area: Area, *, below: str = "", name: str = "Map", aspect: float = ASPECT) -> list[rrb.View]:
     """The map from above and the same flat, of entities that hang ``below`` a path, in views of this shape."""
-    shared: dict[str, Any] = {"contents": f"{below}{entities.WORLD}/**", "overrides": _overrides(below)}
+    contents = [f"{below}{entities.WORLD}/**", f"- {below}{entities.WALLS}"]
+    shared: dict[str, Any] = {"contents": contents, "overrides": _overrides(below)}
     width, height = area.pixels
     return [
         rrb.Spatial3DView(
@@ -169,12 +174,16 @@ def _overrides(below: str) -> dict[str, Any]:
     }
 
 
-def curves(name: str, *shown: str) -> rrb.TimeSeriesView:
-    """Curves over the whole run, with a legend if there are several."""
-    whole_run = rrb.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
+def curves(name: str, *shown: str, most: float | None = None, around: float | None = None) -> rrb.TimeSeriesView:
+    """Curves with a legend if there are several; from 0 to ``most`` if that is known; over the whole run, or so many
+    seconds ``around`` the cursor."""
+    begin = end = rrb.TimeRangeBoundary.infinite()
+    if around is not None:
+        begin, end = (rrb.TimeRangeBoundary.cursor_relative(seconds=by) for by in (-around, around))
     return rrb.TimeSeriesView(
         name=name,
         contents=list(shown),
-        axis_x=rrb.TimeAxis(view_range=whole_run),
+        axis_x=rrb.TimeAxis(view_range=rrb.TimeRange(start=begin, end=end)),
+        axis_y=None if most is None else rrb.ScalarAxis(range=(0.0, most), zoom_lock=True),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=len(shown) > 1),
     )

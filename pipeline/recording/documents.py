@@ -37,6 +37,43 @@ what happened. Click an event or a curve to go there.
 
 {sampling}
 """
+_WITNESSES = """
+## Wheels and laser
+
+Two witnesses tell how the robot moved: the wheels, by how far they turned, and the laser, by how the walls that it
+sees moved. Either may err: wheels slip, or count the wrong way; a laser sees nothing new along a bare corridor. A
+particle follows one of them, and the weights decide whose particles go on. The tab *Wheels and laser* shows it.
+
+| drawn as | means |
+|---|---|
+| brown line and arrow | the way as the wheels say |
+| blue line and arrow | the way as the laser says, from the same start |
+| thin magenta line and arrow | the way as it was believed: that of the estimate, once it knows where it is |
+| black dots around the robot | walls that the laser remembers from the scans before |
+| rays | the scan as the laser fits it to these walls: the fit is right where the rays end on the dots |
+| brown and blue arrow at the robot, also on the map | wheels and laser contradict each other: from where the robot \
+was a second ago to where either says that it is now; beside it, how much of the belief followed the laser |
+| brown dots | where the scan would end if the wheels were right; if they are not, it misses the walls |
+
+The curves below: how far wheels and laser are apart, where 1 is the limit that two who are both right pass once in 100
+scans; the share of the beams that fit the remembered walls, where the laser says that the robot is (blue) and where the
+wheels say (brown); and how much of the belief follows the laser (blue) and the wheels (brown).
+"""
+_LASER_ALONE = """
+## The laser's odometry
+
+The laser alone tells how the robot moved, by how the walls moved that it sees. The tab *The way by the laser* shows it.
+
+| drawn as | means |
+|---|---|
+| blue line and arrow | the way as the laser says |
+| thin magenta line and arrow | the way as it was believed: that of the estimate, once it knows where it is |
+| black dots around the robot | walls that the laser remembers from the scans before |
+| rays | the scan as the laser fits it to these walls: the fit is right where the rays end on the dots |
+
+The curves below: the share of the beams that fit the remembered walls; and how much of the belief follows the laser
+(blue) and how much what nobody saw, a move of any kind nearby (brown).
+"""
 
 _LOG = """\
 A log before anybody has found the robot: the wheels tell how it moved, but not where in the building it began, so that
@@ -44,34 +81,41 @@ odometry and map are drawn apart. The wheels slip, and so the path bends and dri
 
 | drawn as | means |
 |---|---|
-| dark grey ring, arrow and line | the robot by its odometry, and its path so far |
+| brown ring, arrow and line | the robot by its wheels, and its path so far |
 """
+_LOG_LASER = "| blue ring, arrow and line | the robot by its wheels and its laser together, from the same start |\n"
 _LOG_STILL = """\
 A log before anybody has found the robot. Nothing in it tells how the wheels turned, so that the robot is drawn standing
 still, apart from the map, and what it sees moves around it.
 
 | drawn as | means |
 |---|---|
-| dark grey ring and arrow | the robot, in its own frame |
+| brown ring and arrow | the robot, in its own frame |
 """
 _LOG_BEAMS = "| blue dots | where the laser's beams end, as seen from the robot |\n"
 _LOG_MAP = "| black, white and grey | the map's walls, what is free, and what nobody knows |\n"
 _LOG_TRUTH = "| green ring, arrow and line | where it was in truth, with the same scan |\n"
 
 
-def explanation(config: Config) -> str:
-    """What the colours and curves mean, and how the recorded particles were chosen."""
+def explanation(config: Config, *, wheels: bool = True, laser: bool = True) -> str:
+    """What the colours and curves mean, as wheels and laser were heard; and how recorded particles were chosen."""
     sampling = (
         f"At most {config.record_particles} particles are recorded per scan: every k-th of the filter's list from a "
         "random start, so that each has the same chance to be drawn, whatever its weight. The histogram and the "
         "curves count all of them. What is drawn is rounded to 4 mm and 1 degree; the estimate is also stored exactly."
     )
-    return _EXPLANATION.format(sampling=sampling)
+    witnesses = "" if not laser else _WITNESSES if wheels else _LASER_ALONE
+    return _EXPLANATION.format(sampling=sampling) + witnesses
 
 
 def log_explanation(*, grid: bool, truth: bool, wheels: bool = True) -> str:
     """What the picture of a log shows, with a map, with the truth and with odometry where it knows them."""
-    return (_LOG if wheels else _LOG_STILL) + _LOG_BEAMS + (_LOG_MAP if grid else "") + (_LOG_TRUTH if truth else "")
+    return (
+        (_LOG + _LOG_LASER if wheels else _LOG_STILL)
+        + _LOG_BEAMS
+        + (_LOG_MAP if grid else "")
+        + (_LOG_TRUTH if truth else "")
+    )
 
 
 def run(log: Log, config: Config, seed: int, versions: Mapping[str, str]) -> str:

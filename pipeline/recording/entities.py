@@ -40,6 +40,20 @@ TRUTH_HEADING = "/world/truth/heading"
 TRUTH_PATH = "/world/truth_path"
 CAMERA = "/world/camera"  # looks straight down; the flat view is its picture
 
+# What wheels and laser say of the way; only where the laser's own odometry is heard.
+WALLS = "/world/laser/walls"  # that the laser's odometry remembers, in its frame
+SAID = "/world/said"  # while the two contradict each other
+SAID_WHEELS = "/world/said/wheels"
+SAID_LASER = "/world/said/laser"
+SAID_SHARE = "/world/said/share"
+SAID_SCAN = "/world/said/scan"  # where the scan would be if the wheels were right
+MOTION = "/motion"  # the odometry's frame
+WAYS = "/motion/paths"  # by the wheels if there are any, by the laser, as believed: in this order
+HEADS = "/motion/robots"
+APART = "/curves/apart"
+FIT = "/curves/fit"
+FOLLOWED = "/curves/followed"
+
 # The viewer writes these two names into the legend.
 WEIGHTS = "/weights/percent_of_particles"
 WEIGHT_SHARE = "/weights/percent_of_weight"

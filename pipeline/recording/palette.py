@@ -20,9 +20,12 @@ ESTIMATE: Colour = (204, 0, 110)
 TRUTH: Colour = (0, 140, 100)
 HYPOTHESIS: Colour = (240, 110, 180)
 HINDSIGHT: Colour = (86, 180, 233)
-ODOMETRY: Colour = (60, 60, 60)
+WHEELS: Colour = (185, 105, 0)  # what either says of the way; far apart for every kind of colour vision
+LASER: Colour = (20, 90, 230)
+WALLS: Colour = (70, 70, 70)
 NEUTRAL: Colour = (130, 130, 130)
 LETTERING: Colour = (20, 20, 20)
+FLOOR: Colour = (250, 250, 250)  # behind what has no map
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 
 # Runs side by side: Okabe and Ito's, which every kind of colour vision tells apart.
@@ -32,6 +35,8 @@ RUNS: tuple[Colour, ...] = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 12
 COLOUR_RANGE = (-2.0, 2.0)
 HISTOGRAM_RANGE = (-6.0, 5.0)
 HISTOGRAM_BINS = 55
+MOST_APART = 5.0
+"""Times the limit of chance at which the curve of how far wheels and laser are apart ends."""
 
 # viridis at 16 equal steps, light to dark: the heavier a particle, the darker on the map's white floor.
 WEIGHT_COLOURS: NDArray[np.uint8] = np.array(

@@ -13,6 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from pipeline.config import load_config
 from pipeline.geometry import compose
 from pipeline.logs.messages import Log
 from pipeline.recording import documents, entities, palette
@@ -24,6 +25,7 @@ from pipeline.recording.truth import truth_at_scans
 
 ODOMETRY = "/odometry"
 PATH, ROBOT = f"{ODOMETRY}/path", f"{ODOMETRY}/robot"
+LASER_PATH, LASER_ROBOT = f"{ODOMETRY}/laser_path", f"{ODOMETRY}/laser_robot"
 SCAN = "scan"  # below a robot
 MARGIN = 10.0  # metres around the path, for the scans
 _dot, _line = rr.Radius.ui_points(1.5), rr.Radius.ui_points(1.0)
@@ -44,7 +46,11 @@ def _fill(sink: Any, log: Log) -> None:
         everything = np.arange(len(log))
         unbroken = np.ones(len(log), np.bool_)
         path = PATH if log.wheels else None
-        _drive(stream, log, everything, log.odometry, unbroken, (ROBOT, path), palette.ODOMETRY)
+        _drive(stream, log, everything, log.odometry, unbroken, (ROBOT, path), palette.WHEELS)
+        _see(stream, log, everything, ROBOT)
+        if log.wheels:
+            poses, joined = _by_laser(log)
+            _drive(stream, log, everything, poses, joined, (LASER_ROBOT, LASER_PATH), palette.LASER)
         if log.grid is not None:
             stream.log(entities.MAP, drawn_map(log.grid), static=True)
         truth = truth_at_scans(log)
@@ -53,6 +59,17 @@ def _fill(sink: Any, log: Log) -> None:
         stream.log(entities.EXPLANATION, markdown, static=True)
         if truth is not None:
             _drive(stream, log, *truth, (entities.TRUTH, entities.TRUTH_PATH), palette.TRUTH)
+            _see(stream, log, truth[0], entities.TRUTH)
+
+
+def _by_laser(log: Log) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Where the robot was by its laser and its wheels, (n, 3), and where that goes on without a break, (n,)."""
+    from pipeline.motion.witnesses import Witnesses
+
+    witnesses = Witnesses(log.laser, load_config())
+    heard = [witnesses.update(scan) for scan in log.scans()]
+    stretches = np.array([0 if motion.laser is None else motion.laser.stretch for motion in heard])
+    return np.array([motion.pose for motion in heard]), np.diff(stretches, prepend=stretches[0]) == 0
 
 
 def _drive(
@@ -64,7 +81,7 @@ def _drive(
     places: tuple[str, str | None],
     colour: palette.Colour,
 ) -> None:
-    """The robot at these poses (n, 3) of these scans (n,), with what it measured there, and its path if it has one."""
+    """The robot at these poses (n, 3) of these scans (n,), and its path if it has one."""
     moving, path = places
     index = timelines(scans, log.times[scans])
     stream.send_columns(moving, index, transforms(poses, z=0.1))
@@ -73,6 +90,11 @@ def _drive(
     if path is not None:
         stream.send_columns(path, index, segments(poses, z=0.03, joined=joined))
         stream.log(path, rr.LineStrips3D.from_fields(radii=_line, colors=colour), static=True)
+
+
+def _see(stream: rr.RecordingStream, log: Log, scans: NDArray[np.int64], moving: str) -> None:
+    """What was measured at these scans (n,), as seen from the robot."""
+    index = timelines(scans, log.times[scans])
     ranges = log.ranges[scans]
     returned = np.isfinite(ranges)
     rows, beams = np.nonzero(returned)
@@ -100,7 +122,7 @@ def _layout(log: Log) -> rrb.Blueprint:
             eye_controls=looking_down(area, aspect),
             line_grid=False,
             background=palette.UNKNOWN,
-            overrides={PATH: so_far()} if log.wheels else {},
+            overrides={PATH: so_far(), LASER_PATH: so_far()} if log.wheels else {},
         )
     ]
     if log.grid is not None:

@@ -29,6 +29,9 @@ from pipeline.recording.sampling import draw, weight_bars
 from pipeline.recording.styles import drawn_map, styles
 from pipeline.recording.truth import JUMP, truth_at_scans
 from pipeline.recording.versions import versions
+from pipeline.recording.witness_columns import Row, witness_columns, witness_styles
+from pipeline.recording.witness_views import ground, motion_tab
+from pipeline.recording.witnesses import Hearing
 
 Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
@@ -68,6 +71,12 @@ class RerunSink:
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
+        # Who hears the wheels alone has nothing to compare them with.
+        self._wheels = log.wheels and config.odometry != "laser"
+        self._laser = config.odometry != "wheels" or not log.wheels
+        self._hearing = Hearing(log.laser, wheels=self._wheels)
+        self._heard: list[Row] = []
+        self._contradicted = False
         self._longest_interval = longest_interval(log.times)
         longest = log.laser.longest(config.laser_max_range)
         self._is_hit: IsHit = partial(is_hit, config=config, max_range=longest)
@@ -79,12 +88,13 @@ class RerunSink:
         )
         self._stream.set_log_time_enabled(False)
         self._started = np.datetime64(time.time_ns(), "ns")
+        layout = blueprint(log.grid, motion=motion_tab(ground(log), wheels=self._wheels) if self._laser else None)
         try:
             if viewer is None:
-                self._stream.save(self.path, default_blueprint=blueprint(log.grid))
+                self._stream.save(self.path, default_blueprint=layout)
             else:
                 sinks = (rr.FileSink(self.path), rr.GrpcSink(viewer))
-                self._stream.set_sinks(*sinks, default_blueprint=blueprint(log.grid))
+                self._stream.set_sinks(*sinks, default_blueprint=layout)
         except Exception as error:
             raise MclError(f"cannot write the recording: {error}", path=self.path) from error
         self._log_map(log.grid)
@@ -104,6 +114,7 @@ class RerunSink:
         drawn = draw(len(step.particles), self._config.record_particles, self._seed, step.index)
         bars, share = weight_bars(step.log_weights)
         pose = np.array(step.estimate.pose, dtype=np.float64)
+        joined = self._joins(step)
         before = None if self._previous is None else self._previous[0].time
         frame = Frame(
             step=dataclasses.replace(step, particles=_NO_PARTICLES, log_weights=_NO_WEIGHTS),
@@ -113,9 +124,11 @@ class RerunSink:
             bars=bars,
             weight_bars=share,
             previous=pose if self._previous is None else self._previous[1],
-            joined=self._joins(step),
+            joined=joined,
             silent_since=before if before is not None and step.time - before > self._longest_interval else None,
         )
+        if (heard := self._hearing.hear(step, joined)) is not None:
+            self._heard.append((frame.step, heard))
         self._previous = (step, pose)
         self._frames.append(frame)
         self._log_heat(step)
@@ -165,7 +178,11 @@ class RerunSink:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.
         if self._frames:
             self._outbox += batch_columns(self._frames, self._is_hit)
-            self._frames = []
+            if self._heard:
+                silent = [f.silent_since for f in self._frames if f.silent_since is not None]
+                self._outbox += witness_columns(self._heard, shown=self._contradicted, silent=silent)
+                self._contradicted = self._heard[-1][1].said is not None
+            self._frames, self._heard = [], []
         while self._outbox:
             self._stream.send_columns(*self._outbox[0])
             del self._outbox[0]
@@ -226,7 +243,8 @@ class RerunSink:
         )
 
     def _log_styles(self) -> None:
-        for entity, archetypes in styles().items():
+        witnesses = witness_styles(self._wheels) if self._laser else {}
+        for entity, archetypes in (styles() | witnesses).items():
             self._static(entity, *archetypes)
 
     def _log_documents(self, density: Density | None) -> None:
@@ -245,7 +263,7 @@ class RerunSink:
                 "versions": json.dumps(found),
             },
         )
-        self._document(entities.EXPLANATION, documents.explanation(config))
+        self._document(entities.EXPLANATION, documents.explanation(config, wheels=self._wheels, laser=self._laser))
         self._document(entities.RUN, documents.run(log, config, self._seed, found))
         if density is not None:
             z, p, true_range = (np.asarray(part, dtype=np.float32) for part in density)

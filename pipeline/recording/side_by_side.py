@@ -32,6 +32,7 @@ from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import CURVES, Scenes
 from pipeline.recording.streams import opened, sending
+from pipeline.recording.witness_views import recorded_tab
 
 MOST = len(ascii_uppercase)
 NAMED = 2
@@ -86,13 +87,13 @@ def send_run(address: str, run: Shown) -> None:
     sending(address, lambda sink: _fill_with_one(sink, run))
 
 
-def write_run(path: Path, run: Shown) -> None:
-    """Write a run's recording anew: a whole file of what could be read of a damaged one."""
-    _fill_with_one(rr.FileSink(path), run)
+def write_run(path: Path, run: Shown, *, tab: int = 0) -> None:
+    """Write a run's recording anew, with that tab in front: a whole file of what could be read of a damaged one."""
+    _fill_with_one(rr.FileSink(path), run, tab)
 
 
-def _fill_with_one(sink: Any, run: Shown) -> None:
-    layout = blueprint(run.scenes.grid)
+def _fill_with_one(sink: Any, run: Shown, tab: int = 0) -> None:
+    layout = blueprint(run.scenes.grid, tab=tab, motion=recorded_tab(run.file))
     with opened(sink, run.file.application_id, run.file.recording_id, layout) as stream:
         stream.send_chunks(run.file.chunks)
 

@@ -12,8 +12,9 @@ from pipeline.config import Config
 from pipeline.filter.rivals import APART_D, EACH, Rivals, same_place
 from pipeline.filter.sensor import Sensor
 from pipeline.geometry import compose
-from pipeline.logs.messages import Log
-from pipeline.motion.wheels import odometry_motion
+from pipeline.logs.messages import Log, Scan
+from pipeline.motion.prior import Prior, motion_prior
+from pipeline.motion.witnesses import Motion
 
 NOBODY = np.empty((0, 3))
 CONFIG = Config(occupied_threshold=0.65, range_bias=0.0)
@@ -30,6 +31,12 @@ def crowd(*places: tuple[float, float, float], n: int = 500) -> np.ndarray:
     return np.hstack([rng.normal(place, 0.02, (n // (1 + i), 3)).T for i, place in enumerate(places)]).astype(
         np.float32
     )
+
+
+def by_wheels(*scans: Scan) -> Prior:
+    """How the robot moved between two scans, as its wheels say."""
+    before, now = (Motion(scan.time, scan.odometry, None, None, scan.odometry) for scan in scans)
+    return motion_prior(before, now, CONFIG)
 
 
 def test_the_densest_places_first_and_none_twice(sensor: Sensor) -> None:
@@ -52,8 +59,8 @@ def test_rivals_drive_with_the_robot_and_find_their_place(office: Log, sensor: S
     spread = np.random.default_rng(1).normal(0.0, [[0.2], [0.2], [0.05]], (3, 4000))
     rivals.find((start[:, None] + spread).astype(np.float32), NOBODY, 1, 0.0)
     for before, scan in itertools.pairwise(scans):
-        motion = odometry_motion(before.odometry, scan.odometry, CONFIG)
-        rivals.follow(motion, sensor.read(scan), scan.index)
+        prior = by_wheels(before, scan)
+        rivals.follow(prior, sensor.read(scan), scan.index)
     assert np.hypot(*(rivals.poses[0] - truth[119])[:2]) < 0.2
     np.testing.assert_allclose(rivals.weights.sum(axis=1), 1.0)
 
@@ -65,9 +72,9 @@ def test_a_rival_does_not_depend_on_the_others_that_come_after_it(office: Log, s
     few.find(crowd(tuple(place)), NOBODY, 1, 0.0)
     many.find(crowd(tuple(place), (1.0, 1.0, 0.0)), NOBODY, 2, 0.0)
     for before, scan in itertools.pairwise(scans):
-        motion = odometry_motion(before.odometry, scan.odometry, CONFIG)
+        prior = by_wheels(before, scan)
         for rivals in (few, many):
-            rivals.follow(motion, sensor.read(scan), scan.index)
+            rivals.follow(prior, sensor.read(scan), scan.index)
     np.testing.assert_array_equal(few.particles[:, 0], many.particles[:, 0])
     last = many.poses[1].copy()
     many.keep(np.array([1]))

@@ -9,8 +9,6 @@ import pytest
 import reference
 
 from pipeline.kernels import scoring
-from pipeline.kernels.motion import move
-from pipeline.kernels.random import normal_quantiles, stream_key
 
 HEADINGS, RESOLUTION, OUTSIDE = 360, 0.1, -77.0
 
@@ -64,22 +62,6 @@ def test_score(seed: int) -> None:
 def test_score_is_the_same_with_all_threads() -> None:
     world = World(9, n=5001)
     np.testing.assert_array_equal(world.scores(), world.scores(work=10**9))
-
-
-def test_moving_and_scoring_at_once_is_moving_and_then_scoring() -> None:
-    """More than a block, with one thread and with all, to the last bit."""
-    world, quantiles = World(6, n=5001), normal_quantiles()
-    noise = (0.1, 0.5, -0.2, 0.05, 0.1, 0.05, stream_key(0, 1, 1), quantiles, quantiles)
-    start = world.poses.copy()
-    for work in (0, 10**9):
-        columns, out = np.ascontiguousarray(start.T), np.empty(len(start), np.float32)
-        table = world.rows, world.offsets, world.log_likelihood, np.float32(OUTSIDE)
-        scoring.move_and_score(work, *columns, *noise, *world.place(), *table, out)
-        moved = np.ascontiguousarray(start.T)
-        move(0, *moved, *noise)
-        np.testing.assert_array_equal(columns, moved)
-        world.poses = np.ascontiguousarray(moved.T)
-        np.testing.assert_array_equal(out, world.scores())
 
 
 def test_a_particle_scores_the_same_whatever_its_neighbours_are() -> None:

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from pipeline.config import Config
 from pipeline.geometry import between, compose, wrap_angle
-from pipeline.kernels.motion import move
-from pipeline.kernels.random import normal_quantiles, stream_key
+from pipeline.kernels.random import stream_key
+from pipeline.motion.mover import Mover
+from pipeline.motion.prior import Component, Prior
 from pipeline.motion.wheels import odometry_motion
 
-QUANTILES = normal_quantiles()
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")
 
 
@@ -32,10 +32,9 @@ poses = st.tuples(coordinates, coordinates, st.floats(-3.14, 3.14))
 def drawn(start, before, after, config: Config, n: int = 1, key: int = 5) -> np.ndarray:
     """Where n particles that stand at ``start`` go, (n, 3)."""
     m = odometry_motion(np.asarray(before, float), np.asarray(after, float), config)
-    x, y, theta = np.repeat(np.asarray(start, np.float32)[:, None], n, axis=1)
-    std = m.std_rot1, m.std_trans, m.std_rot2
-    move(0, x, y, theta, m.rot1, m.trans, m.rot2, *std, stream_key(key, 1, 1), QUANTILES, QUANTILES)
-    return np.column_stack([x, y, theta]).astype(float)
+    moved = np.repeat(np.asarray(start, np.float32)[:, None], n, axis=1)
+    Mover().move(moved, Prior((Component("wheels", np.zeros(3), np.eye(3), 1.0, m),), math.nan), stream_key(key, 1, 1))
+    return moved.T.astype(float)
 
 
 def assert_pose(found, expected, atol: float) -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import dataclasses
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.filter.step import Beams, Estimate, Event, Step
-from pipeline.geometry import Pose, compose, wrap_angle
+from pipeline.geometry import Pose, between, compose, wrap_angle
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.laser_odometry import Match
+from pipeline.motion.prior import AGREE, Component, Prior
+from pipeline.motion.witnesses import Motion
 
 LASER = Laser((0.25, 0.0, 0.0), -np.pi / 2, np.pi / 180, beams=180, range_min=0.0, range_max=20.0)
 Z = np.linspace(0.0, 10.0, 101)
@@ -104,5 +108,43 @@ def steps(log: Log, count: int, *, beams: int = 36, seed: int = 0) -> Iterator[S
             spread=float(np.hypot(*particles[:, :2].std(axis=0))),
             moved=True,
             resampled=scan.index % 3 == 0,
+            motion=Motion(scan.time, scan.odometry, None, None, scan.odometry),
             events=events,
         )
+
+
+def heard(
+    log: Log, seen: Iterable[Step], *, reversed_in: range = range(0), wheels: bool = True, every: int = 4
+) -> Iterator[Step]:
+    """The same steps with a laser's odometry, which is right; the wheels count backwards in some scans.
+
+    Of the walls, another is remembered at every so many scans; nine of ten follow the laser, and the robot stands still
+    in the last scan.
+    """
+    by_wheels, before = log.odometry[0], log.odometry[0]
+    rng = np.random.default_rng(1)
+    walls = np.empty((4, 0), np.float32)
+    for step in seen:
+        k, now = step.index, log.odometry[step.index]
+        moved = between(before, now)
+        by_wheels = compose(by_wheels, moved * [-1.0, -1.0, 1.0] if k in reversed_in else moved)
+        pose = between(log.odometry[0], now)
+        match = Match(pose, 1e-4 * np.eye(3), 0.9, 0.3 if k in reversed_in else 0.8, None, False, 0)
+        if k % every == 0:
+            places = compose(pose, rng.uniform([-12, -12, 0], [12, 12, 0], (900, 3)))[:, :2]
+            walls = np.concatenate(
+                [walls[:, -2700:], np.concatenate([places.T, 0 * places.T])], axis=1, dtype=np.float32
+            )
+        share = 0.5 if k in reversed_in else 0.8
+        parts = [Component("laser", moved, 1e-4 * np.eye(3), share)]
+        parts.append(Component("wheels" if wheels else "unseen", moved, 1e-2 * np.eye(3), 1.0 - share))
+        disagreement = (4.0 if k in reversed_in else 0.25) * AGREE if wheels else np.nan
+        still = k in (0, len(log) - 1)
+        yield dataclasses.replace(
+            step,
+            motion=Motion(step.time, by_wheels if wheels else None, match, None, now),
+            prior=None if still else Prior(tuple(parts), disagreement),
+            followed=None if still else np.array([0.9, 0.1]),
+            walls=walls,
+        )
+        before = now

@@ -22,8 +22,8 @@ from pipeline.simulate import sample_dir
 def recorded(tmp_path):
     """The entities of a log's recording, and its columns: a list per scan."""
 
-    def write(log):
-        path = tmp_path / "log.rrd"
+    def write(log, name="log.rrd"):
+        path = tmp_path / name
         write_raw_log(path, log)
         chunks = read_rrd(path).chunks
 
@@ -117,3 +117,13 @@ def test_a_log_without_a_map_can_be_given_one(tmp_path, monkeypatch):
         assert any(chunk.entity_path == "/world/map" for chunk in shown.pop().chunks) == drawn
     refused = CliRunner().invoke(app, ["view", str(tmp_path), "--map", str(sample / "office.dat.gz")])
     assert refused.exit_code == 2
+
+
+def test_the_way_by_the_laser_is_beside_that_by_the_wheels(recorded):
+    log = drive(40)
+    found, column = recorded(log)
+    assert "/odometry/laser_robot" in found
+    places = np.array(column("/odometry/laser_robot", "Transform3D:translation"))[:, 0, :2]
+    assert np.allclose(places[0], log.odometry[0, :2], atol=DISPLAY_STEP)
+    still, _ = recorded(replace(log, wheels=False), "still.rrd")
+    assert not any(entity.startswith("/odometry/laser") for entity in still)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from synthetic import DENSITY, drive, steps
+from synthetic import DENSITY, drive, heard, steps
 
 from pipeline.config import Config
 from pipeline.recording import rerun_sink
@@ -71,13 +71,13 @@ def reports(viewer) -> dict[str, object]:
 
 
 @needs_vulkan
-@pytest.mark.parametrize("tab", [0, 1])
+@pytest.mark.parametrize("tab", [0, 1, 2])
 def test_no_view_reports_an_error(tmp_path, monkeypatch, showing, tab):
     monkeypatch.setattr(rerun_sink, "blueprint", functools.partial(rerun_sink.blueprint, tab=tab))
     log = drive(60)
     path = tmp_path / "run.rrd"
     with rerun_sink.RerunSink(path, log=log, config=Config(), seed=0, density=DENSITY) as sink:
-        for step in steps(log, 100):
+        for step in heard(log, steps(log, 100), reversed_in=range(25, 35)):
             sink.log(step)
         sink.finish({"converged_at": 3.0})
 
@@ -87,7 +87,9 @@ def test_no_view_reports_an_error(tmp_path, monkeypatch, showing, tab):
             viewer.set_time("scan", sequence=scan, play_state="paused")
             picture = viewer.take_screenshot()
             assert picture.startswith(b"\x89PNG")
-        assert {"Map", "Map, flat", "Events"} <= {view.name for view in viewer.get_state().views}
+        assert {"Map", "Map, flat", "Wheels and laser apart; 1: the limit of chance", "Events"} <= {
+            view.name for view in viewer.get_state().views
+        }
         assert reports(viewer) == {}
 
 
@@ -128,7 +130,7 @@ def test_an_mcap_shows_the_map_and_the_robot_moving(office, tmp_path, showing, f
         early, late = pictures(viewer, view, (1.0, 60.0), "message_log_time", "timestamp")
         white = (early.min(axis=-1) > 230).mean()
         assert white > 0.02  # the map's floor
-        assert 0 < changed(early, late) < 0.05  # the robot
+        assert 0 < changed(early, late) < 0.1  # the robot, and particles
 
 
 @needs_vulkan
