@@ -53,9 +53,11 @@ class Bench:
         self.expected = ExpectedRanges(grid, log.laser, chosen, self.config, longest, thickness)
         scans = [scan for scan, _ in zip(log.scans(), range(DRIVE + 1), strict=False)]
         self.scan: Scan = scans[0]
-        first, last = (Motion(scan.time, scan.odometry, None, None, scan.odometry) for scan in (scans[0], scans[-1]))
+        first, last = (
+            Motion(scan.time, scan.odometry, None, None, scan.odometry, scan.ranges) for scan in (scans[0], scans[-1])
+        )
         self._prior: Prior = motion_prior(first, last, self.config)
-        self.reading: Reading = self.sensor.read(self.scan)
+        self.reading: Reading = self.sensor.read(self.scan.ranges)
         self.beams = len(chosen)
         self.poses = initial_particles(grid, self.config, int(stream_key(0, 0, 0)))
         self.belief = Belief(grid, self.config, self.sensor, 0)
@@ -71,7 +73,7 @@ class Bench:
 
     def update(self) -> None:
         """One turn of the belief, all of it: read a scan, move, score, find the hypotheses, resample."""
-        self.belief.advance(self._prior, self.sensor.read(self.scan), 1)
+        self.belief.advance(self._prior, self.sensor.read(self.scan.ranges), 1)
         self.resample()
 
     def resample(self) -> None:

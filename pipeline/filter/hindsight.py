@@ -112,7 +112,7 @@ class Hindsight:
 
 def _deviations(component: Component) -> NDArray[np.float64]:
     """(3,) along, across and in heading; widened, since finitely many particles cannot lie exactly where they must."""
-    if (m := component.wheels) is not None:
+    if (m := component.table) is not None:
         turn = float(np.hypot(m.std_rot1, m.std_rot2))
         return np.hypot([m.std_trans, abs(m.trans) * m.std_rot1, turn], BANDWIDTH)
     return np.hypot(np.sqrt(np.diag(component.covariance)), BANDWIDTH)

@@ -63,7 +63,7 @@ class ParticleFilter:
             raise MclError(f"scan {scan.index} has {len(scan.ranges)} ranges, the laser {self._laser.beams} beams")
         motion = self._witnesses.update(scan)
         self.hindsight.follow(motion)
-        reading = self._sensor.read(scan)
+        reading = self._sensor.read(motion.ranges)
         prior, resampled, verdict = None, False, None
         if moved := self._moved(motion):
             if self._motion is None:

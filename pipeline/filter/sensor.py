@@ -15,7 +15,7 @@ from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
 from pipeline.filter.step import Beams
 from pipeline.geometry import compose
-from pipeline.logs.messages import Laser, Scan
+from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.walls import wall_half_thickness
 
@@ -62,10 +62,10 @@ class Sensor:
         self._searched: Posterior | None = None
         self.bias = RangeBias(config, half_thickness)
 
-    def read(self, scan: Scan) -> Reading:
-        """The scan's chosen beams, and their likelihood for every true range."""
+    def read(self, scan: NDArray[np.float32]) -> Reading:
+        """Of a scan (beams,) the chosen beams, and their likelihood for every true range."""
         self._searched = None
-        ranges = self._model.correct(scan.ranges[self._beams], self.bias.value)
+        ranges = self._model.correct(scan[self._beams], self.bias.value)
         rows, outside = self._model.scan_rows(ranges), self._model.outside(ranges)
         if self._field is not None:
             ends = self._field.ends(ranges)

@@ -36,10 +36,10 @@ def draw_predecessors(x, y, theta, weights, at, which, moved, std, shares, jump,
 
     ``at`` (u, 3) poses and ``which`` (m,) int64: trajectories run together, and what is the same is worked out once.
 
-    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (c, 3): dx, dy, dtheta that
-    each witness tells, as seen from the earlier pose; ``std`` (c, 3): deviations along, across and in heading; ``shares``
-    (c,) of belief in each; ``jump``: density of coming from anywhere, as a kidnapped robot does, relative to the peak
-    -> ``chosen`` (m,) int32.
+    ``x, y, theta`` (n,) float32 particles and their ``weights`` (n,) float32; ``moved`` (c, 3): dx, dy, dtheta as each
+    witness tells, seen from the earlier pose; ``std`` (c, 3): deviations along, across and in heading; ``shares`` (c,)
+    of belief in each; ``jump``: density of coming from anywhere, as a kidnapped robot does, relative to the peak ->
+    ``chosen`` (m,) int32.
     """
     n = x.shape[0]
     cos, sin = np.empty(n, np.float32), np.empty(n, np.float32)

@@ -99,8 +99,7 @@ class LaserOdometry:
 
         If none of them leads to a good fit, all of the ``window`` around the first is searched.
         """
-        n = surfaces(ranges, *self._beams, *self._surface, self._seen)
-        seen = np.ascontiguousarray(self._seen[:, : n : max(1, -(-n // POINTS))])
+        n, seen = self._points(ranges)
         told = compose(self._pose, guesses[0])
         if self._walls.empty or seen.shape[1] < FEWEST:
             return self._lost(told, n)
@@ -125,6 +124,18 @@ class LaserOdometry:
         self._pose = pose
         self._walls.remember(self._seen[:, :n], pose)
         return Match(pose, covariance, best.fit, as_told, way, wide, self._stretch)
+
+    def fit(self, ranges: NDArray[np.float32], guess: Array) -> float:
+        """How well a scan (beams,) would fit, matched from one guess (3,) of the step; nothing is remembered of it."""
+        _, seen = self._points(ranges)
+        if self._walls.empty or seen.shape[1] < FEWEST:
+            return 0.0
+        return self._walls.match(seen, compose(self._pose, guess)).fit
+
+    def _points(self, ranges: NDArray[np.float32]) -> tuple[int, NDArray[np.float32]]:
+        """How many points of walls the scan has, which are in ``_seen``; and those of them that are matched."""
+        n = surfaces(ranges, *self._beams, *self._surface, self._seen)
+        return n, np.ascontiguousarray(self._seen[:, : n : max(1, -(-n // POINTS))])
 
     def _lost(self, told: Array, n: int) -> Match:
         """No match holds: go on from where the first guess leads, with no memory of what was before."""

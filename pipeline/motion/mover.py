@@ -32,7 +32,7 @@ def way_of(prior: Prior) -> NDArray[np.int32]:
 
 def _way(component: Component) -> tuple[float, ...]:
     """The component as ``kernels.motion.move`` takes it."""
-    if (m := component.wheels) is not None:
+    if (m := component.table) is not None:
         return (m.rot1, m.std_rot1, m.trans, 0.0, m.std_trans, 0.0, 0.0, 0.0, m.rot2, 0.0, 0.0, m.std_rot2)
     (dx, dy, turn), (a, b, c) = component.step.tolist(), np.linalg.cholesky(component.covariance).tolist()
     return (0.0, 0.0, dx, a[0], 0.0, dy, b[0], b[1], turn, c[0], c[1], c[2])

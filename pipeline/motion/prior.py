@@ -1,13 +1,14 @@
 """The motion prior: a mixture over what the witnesses say, each with its own noise.
 
 It is sampled as it is: a particle follows a witness with the probability that this one is right. So proposal and prior
-are the same, and no particle needs a weight for having followed one or the other.
+are the same, and no particle needs a weight for having followed one or the other (as in Hesterberg's defensive
+mixtures, 1995, some follow each).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,24 +23,35 @@ Array = NDArray[np.float64]
 
 AGREE = 11.3
 """Chi-square with three degrees of freedom: of witnesses that are both right 99 % are closer to each other."""
-ACCELERATION, SPEED = 1.0, 1.5
-"""m/s^2, m/s: how an indoor robot may drive on, where nobody says how it did."""
-TURN_RATE = 1.5
-"""rad/s."""
-LEAST = (1e-6, 1e-6, 1e-6)
+WHEELS = 0.1
+"""Share of the particles that follow the wheels where they agree with the laser."""
+EITHER = 0.5
+"""The same where they do not: the map decides."""
+UNSEEN = 0.02
+"""Share that may be anywhere nearby, where only the laser says how the robot moved: it may err."""
+WHITE = 0.3
+"""Share of the matches' own covariance that a step gets. Two scans err against the same remembered walls, so that the
+next step mostly takes back the error of this one: added up in full they would make the belief too wide."""
+ACCELERATION, SPEED, FARTHEST = 1.0, 1.5, 3.0
+"""m/s^2, m/s, m: how an indoor robot may drive on, where nobody says how it did."""
+TURNING, TURN_RATE = 2.0, 1.5
+"""rad/s^2, rad/s: the same of its heading."""
+GYROSCOPE, GYROSCOPE_SCALE = 0.003, 0.02
+"""rad, and share of the turn: deviation of a turn by the gyroscope."""
+LEAST = np.diag([1e-6, 1e-6, 1e-6])
 """m^2, m^2, rad^2: nobody is surer than 1 mm and a sixteenth of a degree."""
 
 
 @dataclass(frozen=True)
 class Component:
     """One way in which the robot may have moved: ``step`` (3,) m, m, rad in its own frame, ``covariance`` (3, 3), and
-    the ``share`` of the particles that follow it. ``wheels``: by Table 5.6 itself, which is not a Gaussian."""
+    the ``share`` of the particles that follow it. ``table``: by Table 5.6 itself, which is not quite a Gaussian."""
 
     name: str
     step: Array
     covariance: Array
-    share: float
-    wheels: OdometryMotion | None = None
+    share: float = 1.0
+    table: OdometryMotion | None = None
 
 
 @dataclass(frozen=True)
@@ -48,54 +60,53 @@ class Prior:
     wheels and laser in the directions that the laser holds, NaN if one of them says nothing."""
 
     components: tuple[Component, ...]
-    disagreement: float
-
-    @property
-    def step(self) -> Array:
-        """The most trusted word."""
-        return self.components[0].step
+    disagreement: float = math.nan
 
 
 def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
-    """How the robot may have moved between two scans."""
+    """How the robot may have moved between two scans.
+
+    Most particles follow the laser: ``config.laser_share`` of them with its own small noise, the rest with that of the
+    wheels, so that some are always left where a map that is drawn a little wrong wants them. Some follow the wheels,
+    or half of all where the two disagree.
+    """
     told = _by_wheels(before, now, config)
     if now.laser is None:
         assert told is not None, "neither witness is heard"
-        return Prior((told,), math.nan)
+        return Prior((told,))
     seen = _by_laser(before, now, config)
+    other = _unseen(before, now) if told is None else told
+    others = [other] if (turned := _by_gyroscope(other, before, now)) is None else [turned, other]
     if seen is None:
-        return Prior((_unseen(before, now) if told is None else told,), math.nan)
-    if told is None:
-        helped = _helped(seen, _unseen(before, now), now.laser, before)
-        lost = _unseen(before, now)
-        return Prior((_shared(helped, 1.0 - UNSEEN), _shared(lost, UNSEEN)), math.nan)
-    apart = seen.step - told.step
-    apart[2] = wrap_angle(apart[2])
-    disagreement = float(apart @ np.linalg.solve(seen.covariance + told.covariance, apart))
-    helped = _helped(seen, told, now.laser, before)
-    share = config.laser_share if disagreement < AGREE else 0.5
-    return Prior((_shared(helped, share), _shared(told, 1.0 - share)), disagreement)
+        return Prior(_shared(others, 1.0))
+    disagreement, share = math.nan, UNSEEN
+    if told is not None:
+        disagreement = _chi_square(seen, told)
+        share = WHEELS if disagreement < AGREE else EITHER
+    exactly = _helped(seen, other, now.laser, before)
+    loosely = _by_table(np.zeros(3), exactly.step, "laser, loosely", config)
+    most = (1.0 - share) * config.laser_share
+    lasers = _shared([exactly], most) + _shared([loosely], 1.0 - share - most)
+    return Prior((*lasers, *_shared(others, share)), disagreement)
 
 
-WHITE = 0.3
-"""Share of the matches' own covariance that a step gets. These errors are against the same remembered walls, so that one
-scan's is mostly taken back by the next: added up in full they would make the belief too wide (docs/motion.md)."""
-UNSEEN = 0.02
-"""Share of the particles that may be anywhere nearby, where only the laser says how the robot moved: it may err."""
-
-
-def _shared(component: Component, share: float) -> Component:
-    return Component(component.name, component.step, component.covariance, share, component.wheels)
+def _shared(components: list[Component], share: float) -> tuple[Component, ...]:
+    """The components, equal among each other, with this share together."""
+    return tuple(replace(component, share=share / len(components)) for component in components)
 
 
 def _by_wheels(before: Motion, now: Motion, config: Config) -> Component | None:
     if before.odometry is None or now.odometry is None:
         return None
-    m = odometry_motion(before.odometry, now.odometry, config)
-    step = between(before.odometry, now.odometry)
+    return _by_table(before.odometry, now.odometry, "wheels", config)
+
+
+def _by_table(before: Array, now: Array, name: str, config: Config) -> Component:
+    """The step between two poses, with the noise of Table 5.6."""
+    m, step = odometry_motion(before, now, config), between(before, now)
     jacobian = np.array([[-step[1], math.cos(m.rot1), 0.0], [step[0], math.sin(m.rot1), 0.0], [1.0, 0.0, 1.0]])
     noise = np.diag([m.std_rot1**2, m.std_trans**2, m.std_rot2**2])
-    return Component("wheels", step, jacobian @ noise @ jacobian.T + np.diag(LEAST), 1.0, m)
+    return Component(name, step, jacobian @ noise @ jacobian.T + LEAST, table=m)
 
 
 def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
@@ -103,32 +114,56 @@ def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
     if a is None or b is None or a.stretch != b.stretch:
         return None
     step = between(a.pose, b.pose)
-    c, s = math.cos(a.pose[2]), math.sin(a.pose[2])
-    into = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    into = _turn_back(a.pose[2])
     # An error of the earlier heading swings the step round.
-    swing = np.array([[1.0, 0.0, -step[1]], [0.0, 1.0, step[0]], [0.0, 0.0, 1.0]])
+    swing = np.array([[1.0, 0.0, -step[1]], [0.0, 1.0, step[0]], [0.0, 0.0, 1.0]]) @ into
     driven = math.hypot(step[0], step[1]) + 0.5 * abs(step[2])
     drift = np.diag([config.laser_drift_d**2, config.laser_drift_d**2, config.laser_drift_a**2]) * driven
-    first, second = swing @ into @ a.covariance @ into.T @ swing.T, into @ b.covariance @ into.T
-    return Component("laser", step, WHITE * (first + second) + drift + np.diag(LEAST), 1.0)
+    matches = swing @ a.covariance @ swing.T + into @ b.covariance @ into.T
+    return Component("laser", step, WHITE * matches + drift + LEAST)
 
 
 def _unseen(before: Motion, now: Motion) -> Component:
-    """Nobody says: as far as a robot drives in that time."""
+    """Nobody says: as far as a robot drives in that time, around where dead reckoning has it."""
     seconds = now.time - before.time
-    step = between(before.pose, now.pose)
-    reach = min(0.5 * ACCELERATION * seconds**2 + 0.02, SPEED * seconds, 3.0)
-    turn = min(0.5 * 2.0 * seconds**2 + 0.02, TURN_RATE * seconds, math.pi)
-    return Component("unseen", step, np.diag([reach**2, reach**2, turn**2]) + np.diag(LEAST), 1.0)
+    reach = min(0.5 * ACCELERATION * seconds**2 + 0.02, SPEED * seconds + 0.02, FARTHEST)
+    turn = min(0.5 * TURNING * seconds**2 + 0.02, TURN_RATE * seconds + 0.02, math.pi)
+    return Component("unseen", between(before.pose, now.pose), np.diag([reach**2, reach**2, turn**2]))
+
+
+def _by_gyroscope(other: Component, before: Motion, now: Motion) -> Component | None:
+    """Another component's step, turned as the gyroscope says; None where it says nothing."""
+    if before.turn is None or now.turn is None or not math.isfinite(now.turn - before.turn):
+        return None
+    turn = float(wrap_angle(now.turn - before.turn))
+    covariance = other.covariance.copy()
+    covariance[2, :] = covariance[:, 2] = 0.0
+    covariance[2, 2] = GYROSCOPE**2 + (GYROSCOPE_SCALE * turn) ** 2
+    return Component(f"{other.name}, turned by the gyroscope", np.array([*other.step[:2], turn]), covariance)
+
+
+def _chi_square(seen: Component, told: Component) -> float:
+    """How far apart two steps are, against both covariances; what the laser leaves open counts for nothing."""
+    apart = seen.step - told.step
+    apart[2] = wrap_angle(apart[2])
+    return float(apart @ np.linalg.solve(seen.covariance + told.covariance, apart))
 
 
 def _helped(seen: Component, other: Component, match: Match, before: Motion) -> Component:
-    """As the laser says; only in a direction that it leaves open as the other does."""
+    """As the laser says; only in a direction that it leaves open as the other does.
+
+    The wheels' word is not multiplied in anywhere else: they err to one side, by 3 degrees a metre in one log.
+    """
     if match.open is None:
         return seen
     assert before.laser is not None
-    c, s = math.cos(before.laser.pose[2]), math.sin(before.laser.pose[2])
-    way = np.array([c * match.open[0] + s * match.open[1], c * match.open[1] - s * match.open[0], 0.0])
+    way = _turn_back(before.laser.pose[2]) @ np.array([*match.open, 0.0])
     say = np.outer(way, way) / float(way @ other.covariance @ way)
-    covariance = np.asarray(np.linalg.inv(np.linalg.inv(seen.covariance) + say), np.float64)
-    return Component("laser", seen.step, covariance, 1.0)
+    covariance = np.linalg.inv(np.linalg.inv(seen.covariance) + say)
+    return replace(seen, covariance=np.asarray(covariance, np.float64))
+
+
+def _turn_back(yaw: float) -> Array:
+    """(3, 3): from a frame into that of a pose turned by ``yaw`` in it."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.geometry import between, compose
 from pipeline.logs.messages import Laser, Scan
+from pipeline.motion.deskew import Deskewer
 from pipeline.motion.laser_odometry import LaserOdometry, Match, Window
 
 Array = NDArray[np.float64]
@@ -27,7 +28,8 @@ class Motion:
 
     ``odometry``: as the wheels say, None without wheels; ``laser``: the match of the laser's odometry, None if only the
     wheels are heard; ``turn``: heading by a gyroscope, rad, None without one; ``pose``: dead reckoning by both, which
-    starts where the odometry does; ``time``: seconds since the first scan.
+    starts where the odometry does; ``time``: seconds since the first scan. ``ranges`` (beams,) float32 m: the scan as
+    it is seen from where the robot was at its stamp.
     """
 
     time: float
@@ -35,6 +37,7 @@ class Motion:
     laser: Match | None
     turn: float | None
     pose: Array
+    ranges: NDArray[np.float32]
 
     @property
     def laser_pose(self) -> Array:
@@ -50,6 +53,7 @@ class Witnesses:
         self._laser = (
             LaserOdometry(laser, config.laser_max_range) if config.odometry != "wheels" or not wheels else None
         )
+        self._deskewer = Deskewer(laser)
         self._last: Motion | None = None
         self._step, self._seconds = np.zeros(3), 0.0
 
@@ -57,11 +61,12 @@ class Witnesses:
         """What is known once this scan is in."""
         last, odometry = self._last, scan.odometry if self._wheels else None
         if self._laser is None:
-            self._last = Motion(scan.time, odometry, None, scan.turn, scan.odometry)
+            self._last = Motion(scan.time, odometry, None, scan.turn, scan.odometry, scan.ranges)
             return self._last
         seconds = scan.time - last.time if last is not None else 0.0
         guesses = self._guesses(last, odometry, scan.turn, seconds)
-        match = self._laser.update(scan.ranges, guesses, NEAR if seconds < SECOND else WIDE)
+        ranges = self._at_the_stamp(scan, guesses[0])
+        match = self._laser.update(ranges, guesses, NEAR if seconds < SECOND else WIDE)
         if last is None:
             pose = np.array(scan.odometry, np.float64)
         else:
@@ -69,13 +74,23 @@ class Witnesses:
             # Where no match holds, the laser's odometry has gone on as the first guess said.
             self._step, self._seconds = between(last.laser.pose, match.pose), seconds
             pose = compose(last.pose, self._step)
-        self._last = Motion(scan.time, odometry, match, scan.turn, pose)
+        self._last = Motion(scan.time, odometry, match, scan.turn, pose, ranges)
         return self._last
 
     @property
     def walls(self) -> NDArray[np.float32]:
         """(4, n) float32: the walls that laser odometry remembers, in its frame: points (m) and normals; maybe none."""
         return np.empty((4, 0), np.float32) if self._laser is None else self._laser.walls
+
+    def _at_the_stamp(self, scan: Scan, guess: Array) -> NDArray[np.float32]:
+        """The scan as it is seen from where the robot was at its stamp, where the wheels tell how it went on.
+
+        Without them only the steps before would tell, which was measured not to help (docs/motion.md).
+        """
+        laser = self._laser
+        if self._deskewer.duration == 0.0 or not self._wheels or scan.sweep is None or laser is None:
+            return scan.ranges
+        return self._deskewer(scan.ranges, scan.sweep, lambda ranges: laser.fit(ranges, guess))
 
     def _guesses(self, last: Motion | None, odometry: Array | None, turn: float | None, seconds: float) -> list[Array]:
         """Steps that the robot may have made since the scan before, the most trusted first."""
