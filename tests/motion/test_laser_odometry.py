@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +15,7 @@ import pytest
 from pipeline.config import Config
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.logs.messages import Log
-from pipeline.motion.prior import AGREE, Prior, motion_prior
+from pipeline.motion.prior import AGREE, Component, Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 from pipeline.simulate import Building, Simulated, simulate_log
 
@@ -31,7 +32,11 @@ def heard(log: Log, odometry: str = "both") -> list[Motion]:
 
 def priors(motions: Sequence[Motion], odometry: str = "both") -> list[Prior]:
     config = Config(odometry=odometry)
-    return [motion_prior(before, now, config) for before, now in zip(motions, motions[1:], strict=False)]
+    return [motion_prior(before, now, config) for before, now in itertools.pairwise(motions)]
+
+
+def first_of(prior: Prior, name: str) -> Component:
+    return next(component for component in prior.components if component.name == name)
 
 
 def steps(poses: np.ndarray) -> np.ndarray:
@@ -132,8 +137,9 @@ def test_a_quarter_of_a_turn_is_a_view(beams: int) -> None:
     assert_followed(drive, heard(drive.log), distance=0.15)
 
 
-@EVERYONE
-@pytest.mark.parametrize("rate", [0.3, 1, 2, 10, 40])
+@pytest.mark.parametrize(
+    ("rate", "odometry"), [*((rate, "both") for rate in (0.3, 1, 2, 10, 40)), *((r, "laser") for r in (2, 10, 40))]
+)
 def test_few_scans_a_second_and_many(rate: float, odometry: str) -> None:
     """Down to one in three seconds, in which the robot has driven 2 m or turned by 180 degrees."""
     laser = {"beams": 360, "field_of_view_deg": 270, "rate": rate}
@@ -195,13 +201,30 @@ def test_along_a_hallway_the_wheels_say_how_far() -> None:
     assert abs(end[2]) < 0.01
 
 
-def test_along_a_hallway_the_prior_is_as_sure_as_the_wheels() -> None:
+def test_along_a_hallway_the_prior_is_as_sure_as_the_wheels_and_across_it_as_the_laser() -> None:
     drive = simulate_log(buildings.hallway(), 1)
     for prior in priors(heard(drive.log)):
-        laser, wheels = prior.components
-        assert laser.name == "laser"
+        laser, wheels = first_of(prior, "laser"), first_of(prior, "wheels")
         assert laser.covariance[0, 0] == pytest.approx(wheels.covariance[0, 0], rel=0.1, abs=1e-5)
+        assert laser.covariance[1, 1] < 0.01**2
         assert laser.covariance[2, 2] < 0.01**2
+
+
+def test_no_step_is_unsure_by_more_than_the_robot_drives() -> None:
+    """Into a hallway and out of it, after a break, and at the first step, which starts where the walls do."""
+    walls = [[[1, 2], [12, 2]], [[1, 4], [12, 4]], [[1, 2], [1, 4]], [[12, 2], [12, 4]]]
+    robot = {"start": (2, 3), "legs": [{"to": (11, 3)}, {"to": (2.5, 3), "backwards": True}]}
+    laser = {"max_range": 3, "beams": 360, "field_of_view_deg": 360}
+    drive = simulate_log(buildings.hallway(walls=walls, robot=robot, laser=laser))
+    ranges = drive.log.ranges.copy()
+    ranges[20] = np.nan
+    motions = heard(with_ranges(drive, ranges))
+    crossings = np.diff([motion.laser.open is not None for motion in motions])
+    assert crossings.sum() >= 4
+    for prior in priors(motions):
+        for component in prior.components:
+            assert np.diag(component.covariance)[:2].max() < 0.1**2
+            assert component.covariance[2, 2] < 0.2**2
 
 
 def test_along_a_hallway_a_robot_without_wheels_goes_on_at_its_speed() -> None:
@@ -249,11 +272,10 @@ def test_wheels_that_say_nonsense_are_seen_through(building: Any, kind: str) -> 
     off = (np.hypot(wrong[:, 0], wrong[:, 1]) > 0.1) | (np.abs(wrong[:, 2]) > 0.2)
     assert off.sum() >= (1 if kind.startswith("turned") else 60)
     for prior, bad in zip(priors(motions), off, strict=True):
-        laser, wheels = prior.components
-        assert (laser.name, wheels.name) == ("laser", "wheels")
+        assert prior.components[0].name == "laser"
         if bad:
             assert prior.disagreement > 2 * AGREE
-            assert laser.share == wheels.share == 0.5
+            assert first_of(prior, "wheels").share == 0.5
 
 
 @pytest.mark.parametrize("kind", ["reversed", "spun"])
@@ -284,7 +306,7 @@ def test_witnesses_that_are_both_right_agree(building: Any) -> None:
         said = priors(heard(drive.log))
         apart += [prior.disagreement for prior in said]
         for prior, true in zip(said, steps(drive.ground_truth.poses), strict=True):
-            error = prior.step - true
+            error = prior.components[0].step - true
             error[2] = wrap_angle(error[2])
             off.append(float(error @ np.linalg.solve(prior.components[0].covariance, error)))
     assert np.isfinite(apart).all()
@@ -322,7 +344,7 @@ def test_a_match_is_as_sure_as_it_is_good(building: Building) -> None:
     scatter = np.std([steps(each) for each in poses], axis=0)
     ratios = np.median(np.sqrt(np.diagonal(told, axis1=1, axis2=2)) / scatter, axis=0)
     assert (ratios > 0.5).all()
-    assert (ratios < 3.0).all()  # steps also have to be as sure as drift lets them
+    assert (ratios < 4.0).all()  # a step is never surer than the drift, which this scatter lacks
 
 
 def test_points_turn_with_the_robot_and_their_covariance_too() -> None:
