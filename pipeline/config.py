@@ -55,7 +55,8 @@ class Config(BaseModel):
         "both", description="Believe the wheels and the laser's own odometry, or one of them alone."
     )
     laser_share: Fraction = Field(
-        0.9, description="Where wheels and laser agree, the share of particles that follow the laser; the rest: wheels."
+        0.9,
+        description="Of the particles that follow the laser, the share that follows it exactly; the rest: loosely.",
     )
     laser_drift_d: NonNegative = Field(
         0.008, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."

@@ -454,3 +454,161 @@ def _on_the_line(direction: float, *polar: tuple[float, float]) -> float:
     """How far the ray goes to the line through two points, by two linear equations."""
     (x0, y0), (x1, y1) = ((r * math.cos(a), r * math.sin(a)) for a, r in polar)
     return float(np.linalg.solve([[math.cos(direction), x0 - x1], [math.sin(direction), y0 - y1]], [x0, y0])[0])
+
+
+# --- matching --------------------------------------------------------------------------------------------------------
+
+
+def surfaces(ranges, angles, at, *, longest, window, thickness, spacing, side) -> tuple[np.ndarray, bool]:
+    """Points and normals (4, m) of the walls that a scan saw; and whether rounding decides anything about them.
+
+    Neighbours belong together that are linked one by one and near the point; their line is that of the largest
+    eigenvalue of their scatter.
+    """
+    step = abs(angles[1] - angles[0])
+    readings = [float(r) if math.isfinite(r) and 0 < r <= longest else None for r in ranges]
+    ends = [
+        None if r is None else np.array([at[0] + r * math.cos(a), at[1] + r * math.sin(a)])
+        for r, a in zip(readings, angles, strict=True)
+    ]
+    undecided = False
+
+    def within(distance: float, limit: float) -> bool:
+        nonlocal undecided
+        undecided |= abs(distance - limit) < 1e-6
+        return distance <= limit
+
+    def linked(k: int) -> bool:
+        if not 0 <= k < len(ends) - 1 or ends[k] is None or ends[k + 1] is None:
+            return False
+        gap = 0.1 + min(0.4, 3 * step * min(readings[k], readings[k + 1]))
+        return within(math.dist(ends[k], ends[k + 1]), gap)
+
+    found, last = [], None
+    for k, end in enumerate(ends):
+        if end is None or (last is not None and not within(spacing, math.dist(end, last))):
+            continue
+        group = [k]
+        for way in (-1, 1):
+            j = k
+            while linked(j if way > 0 else j - 1) and abs(j - k) < side:
+                if j != k and not within(math.dist(ends[j + way], end), window):
+                    break
+                j += way
+                group.append(j)
+        if len(group) < 2:
+            continue
+        points = np.array([ends[j] for j in group])
+        middle = points.mean(axis=0)
+        scatter = (points - middle).T @ (points - middle) / len(group)
+        values, vectors = np.linalg.eigh(scatter)
+        undecided |= values[1] - values[0] < 1e-6
+        if not within(math.sqrt(max(values[0], 0.0)), thickness):
+            continue
+        normal = vectors[:, 0]
+        toward = normal @ (np.asarray(at) - end)
+        undecided |= abs(toward) < 1e-6
+        normal = normal if toward >= 0 else -normal
+        found.append([*(end - (normal @ (end - middle)) * normal), *normal])
+        last = end
+    return np.array(found).reshape(-1, 4).T, undecided
+
+
+def nearest_to_cells(points, centres, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """For each centre (m, 2) the index of the nearest of the points (2, n), -1 for none within reach; and how much
+    nearer it is than the next best."""
+    if points.shape[1] == 0:
+        return np.full(len(centres), -1), np.full(len(centres), math.inf)
+    away = np.hypot(centres[:, :1] - points[0], centres[:, 1:] - points[1])
+    ranked = np.sort(np.column_stack([away, np.full((len(away), 2), math.inf)]), axis=1)
+    margin = np.minimum(ranked[:, 1] - ranked[:, 0], np.abs(ranked[:, 0] - reach))
+    return np.where(ranked[:, 0] <= reach, away.argmin(axis=1), -1), margin
+
+
+class Walls:
+    """Remembered points (4, n) with their normals; a place asks for the point nearest to its cell's centre."""
+
+    def __init__(self, points, size: float, reach: float) -> None:
+        self.points, self.size, self.reach = points.astype(float), size, reach
+
+    def beside(self, places) -> tuple[np.ndarray, np.ndarray, bool]:
+        """For places (2, m): index of a wall's point, its distance (inf for none), and whether any is a near thing."""
+        at = places / self.size
+        centres = (np.floor(at) + 0.5) * self.size
+        index, margin = nearest_to_cells(self.points[:2], centres.T, self.reach)
+        away = np.hypot(*(places - self.points[:2, index]))
+        close = bool((margin < 1e-6).any() or (np.abs(at - np.round(at)) < 1e-6).any())
+        return index, np.where(index >= 0, away, math.inf), close
+
+
+def posed(seen, pose) -> tuple[np.ndarray, np.ndarray]:
+    """Points and normals (2, n each) of the robot's frame, where a pose sees them."""
+    turn = np.array([[math.cos(pose[2]), -math.sin(pose[2])], [math.sin(pose[2]), math.cos(pose[2])]])
+    return np.asarray(pose[:2])[:, None] + turn @ seen[:2].astype(float), turn @ seen[2:].astype(float)
+
+
+def pairs(seen, pose, walls: Walls, limit: float, facing: float):
+    """Which points have a wall within the limit that faces as they do: mask, indices of the walls, distances from
+    their lines, and whether rounding decides any of it."""
+    at, normals = posed(seen, pose)
+    index, away, close = walls.beside(at)
+    cosine = np.einsum("ij,ij->j", walls.points[2:, index], normals)
+    close |= bool((np.abs(away - limit) < 1e-6).any() or (np.abs(cosine - facing) < 1e-6).any())
+    error = np.einsum("ij,ij->j", walls.points[2:, index], at - walls.points[:2, index])
+    return (away <= limit) & (cosine >= facing), index, error, close
+
+
+def gauss_newton(seen, pose, walls: Walls, limit: float, width: float, facing: float):
+    """One step of the point-to-line match with weights 1 / (1 + (e / width)^2)^2: its pose, and the normal equations
+    (3, 3), with the derivative of every distance by x, y and yaw as a difference."""
+    mask, index, error, close = pairs(seen, pose, walls, limit, facing)
+    rows = []
+    for k in np.flatnonzero(mask):
+        normal, tiny = walls.points[2:, index[k]], 1e-6
+        row = []
+        for axis in range(3):
+            ends = []
+            for side in (-tiny, tiny):
+                other = np.array(pose, float)
+                other[axis] += side
+                ends.append(normal @ (posed(seen[:, k : k + 1], other)[0][:, 0] - walls.points[:2, index[k]]))
+            row.append((ends[1] - ends[0]) / (2 * tiny))
+        rows.append(row)
+    jacobian = np.array(rows).reshape(-1, 3)
+    weights = 1 / (1 + (error[mask] / width) ** 2) ** 2
+    normal = jacobian.T @ (weights[:, None] * jacobian)
+    step = np.linalg.solve(normal + 1e-3 * np.eye(3), -jacobian.T @ (weights * error[mask]))
+    return pose + step, normal, step, close
+
+
+def align(seen, guess, walls: Walls, reach: float, scale: float, facing: float):
+    """The whole match: from wide to narrow, until nothing moves. Pose, normal equations of the last step, undecided."""
+    pose, limit, width, undecided = np.array(guess, float), reach, max(scale, reach / 2), False
+    normal = np.zeros((3, 3))
+    for turn in range(25):
+        pose, normal, step, close = gauss_newton(seen, pose, walls, limit, width, facing)
+        largest = np.abs(step).max()
+        undecided |= close or abs(largest - 2e-4) < 1e-7 or abs(largest - 0.05) < 1e-6
+        if width <= scale and largest < 2e-4:
+            break
+        if largest < 0.05 or turn > 8:
+            limit, width = max(3 * scale, 0.6 * limit), max(scale, 0.5 * width)
+    return pose, normal, undecided
+
+
+def fit(seen, pose, walls: Walls, scale: float, facing: float) -> tuple[float, bool]:
+    """Mean over all points of exp(-e^2 / 2 scale^2), zero for those that have no wall within 6 scale."""
+    mask, _, error, close = pairs(seen, pose, walls, 6 * scale, facing)
+    return float(np.sum(np.exp(-0.5 * (error[mask] / scale) ** 2)) / max(seen.shape[1], 1)), close
+
+
+def sweep(seen, centre, half_width, step, angles, walls: Walls, near: float) -> np.ndarray:
+    """Share of points that have a wall near, less 1 per mille for every metre and radian away: (angles, rows, cols)."""
+    side = round(half_width / step)
+    scores = np.empty((len(angles), 2 * side + 1, 2 * side + 1))
+    for a, row, col in np.ndindex(scores.shape):
+        dx, dy = (col - side) * step, (row - side) * step
+        at, _ = posed(seen, (centre[0] + dx, centre[1] + dy, angles[a]))
+        scores[a, row, col] = np.mean(walls.beside(at)[1] <= near)
+        scores[a, row, col] -= 1e-3 * (abs(dx) + abs(dy) + abs(angles[a] - centre[2]))
+    return scores

@@ -54,7 +54,8 @@ ANYWHERE = 1e3
 class Match:
     """What one scan says of where the robot is, in the frame of laser odometry, which starts at the first scan.
 
-    ``pose`` (3,) m, m, rad; ``covariance`` (3, 3) of the pose against the remembered walls, without the drift of these;
+    ``pose`` (3,) m, m, rad; ``covariance`` (3, 3) of the pose against the remembered walls, without the drift of these,
+    zero at the first pose of a stretch, which says where its walls are;
     ``fit``: how well the scan fits there, in [0, 1]; ``fit_as_told``: at the first guess, which is the wheels' if there
     are wheels; ``open``: unit vector (2,) of a direction that the walls leave open, None if there is none; ``wide``:
     found in a wide window only; ``stretch``: counts the breaks. Poses of two stretches say nothing about each other.
@@ -143,7 +144,8 @@ class LaserOdometry:
         self._walls.forget()
         if n >= FEWEST:
             self._walls.remember(self._seen[:, :n], told)
-        return Match(told, ANYWHERE * np.eye(3), 0.0, 0.0, None, False, self._stretch)
+        # Where walls are remembered from here on, they are where this pose says: it cannot be wrong against them.
+        return Match(told, np.zeros((3, 3)), 0.0, 0.0, None, False, self._stretch)
 
 
 @dataclass(frozen=True)

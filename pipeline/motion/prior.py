@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.geometry import between, wrap_angle
-from pipeline.motion.laser_odometry import Match
+from pipeline.motion.laser_odometry import ANYWHERE, Match
 from pipeline.motion.wheels import OdometryMotion, odometry_motion
 from pipeline.motion.witnesses import Motion
 
@@ -35,6 +35,8 @@ MOMENT = 1.0
 WHITE = 0.3
 """Share of the matches' own covariance that a step gets. Two scans err against the same remembered walls, so that the
 next step mostly takes back the error of this one: added up in full they would make the belief too wide."""
+ALIKE = 0.3
+"""Sine of the angle below which two open directions are one."""
 ACCELERATION, SPEED, FARTHEST = 1.0, 1.5, 3.0
 """m/s^2, m/s, m: how an indoor robot may drive on, where nobody says how it did."""
 TURNING, TURN_RATE = 2.0, 1.5
@@ -101,7 +103,8 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     if told is not None:
         disagreement = _chi_square(seen, told)
         share = WHEELS if disagreement < AGREE else EITHER
-    exactly = _helped(seen, other, now.laser, before)
+    assert before.laser is not None
+    exactly = _helped(seen, other, before.laser, now.laser)
     loosely = _by_table(np.zeros(3), exactly.step, "laser, loosely", config)
     most = (1.0 - share) * config.laser_share
     lasers = _shared([exactly], most) + _shared([loosely], 1.0 - share - most)
@@ -137,8 +140,32 @@ def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
     swing = np.array([[1.0, 0.0, -step[1]], [0.0, 1.0, step[0]], [0.0, 0.0, 1.0]]) @ into
     driven = math.hypot(step[0], step[1]) + 0.5 * abs(step[2])
     drift = np.diag([config.laser_drift_d**2, config.laser_drift_d**2, config.laser_drift_a**2]) * driven
-    matches = swing @ a.covariance @ swing.T + into @ b.covariance @ into.T
-    return Component("laser", step, WHITE * matches + drift + LEAST)
+    matches = swing @ _held(a) @ swing.T + into @ _held(b) @ into.T
+    anywhere = sum((np.outer(way, way) for way in _open_ways(a, b)), np.zeros((3, 3)))
+    return Component("laser", step, WHITE * matches + drift + LEAST + ANYWHERE * anywhere)
+
+
+def _held(match: Match) -> Array:
+    """The covariance (3, 3) of a match without the direction that it leaves open: two such directions, never quite
+    the same, would leave the others open as well."""
+    if match.open is None:
+        return match.covariance
+    way = np.array([*match.open, 0.0])
+    projection = np.eye(3) - np.outer(way, way)
+    return np.asarray(projection @ match.covariance @ projection, np.float64)
+
+
+def _open_ways(before: Match, now: Match) -> list[Array]:
+    """Unit vectors (3,) in the robot's frame, at right angles: the directions that one of two matches leaves open."""
+    ways: list[Array] = []
+    for match in (now, before):
+        if match.open is None:
+            continue
+        way = _turn_back(before.pose[2]) @ np.array([*match.open, 0.0])
+        way -= sum((known * (known @ way) for known in ways), np.zeros(3))
+        if (length := float(np.linalg.norm(way))) > ALIKE:
+            ways.append(way / length)
+    return ways
 
 
 def _unseen(before: Motion, now: Motion) -> Component:
@@ -167,16 +194,14 @@ def _chi_square(seen: Component, told: Component) -> float:
     return float(apart @ np.linalg.solve(seen.covariance + told.covariance, apart))
 
 
-def _helped(seen: Component, other: Component, match: Match, before: Motion) -> Component:
+def _helped(seen: Component, other: Component, before: Match, now: Match) -> Component:
     """As the laser says; only in a direction that it leaves open as the other does.
 
     The wheels' word is not multiplied in anywhere else: they err to one side, by 3 degrees a metre in one log.
     """
-    if match.open is None:
+    if not (ways := _open_ways(before, now)):
         return seen
-    assert before.laser is not None
-    way = _turn_back(before.laser.pose[2]) @ np.array([*match.open, 0.0])
-    say = np.outer(way, way) / float(way @ other.covariance @ way)
+    say = sum((np.outer(way, way) / float(way @ other.covariance @ way) for way in ways), np.zeros((3, 3)))
     covariance = np.linalg.inv(np.linalg.inv(seen.covariance) + say)
     return replace(seen, covariance=np.asarray(covariance, np.float64))
 

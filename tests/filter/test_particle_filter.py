@@ -136,10 +136,15 @@ def symmetric_room(scans: int = 60) -> Log:
     return Log("room", Path("room.mcap"), "0" * 64, LASER, stamps, poses, ranges * np.float32(0.1), grid)
 
 
-def test_two_places_that_look_alike_are_never_averaged() -> None:
-    """A blunt sensor model and many particles, so that neither place wins by the luck of the draw."""
+@pytest.mark.parametrize(("odometry", "init"), [("wheels", "free_space"), ("both", "exhaustive")])
+def test_two_places_that_look_alike_are_never_averaged(odometry: str, init: str) -> None:
+    """A blunt sensor model and many particles, so that neither place wins by the luck of the draw.
+
+    Where the laser is heard, particles drive apart so little that few of those all over the room ever fit.
+    """
     log = symmetric_room(40)
-    config = Config(**PLAIN, init="free_space", max_particles=100_000, independent_beams=1.0, sigma_hit=0.3)
+    blunt = {"independent_beams": 1.0, "sigma_hit": 0.3}
+    config = Config(**PLAIN, init=init, max_particles=100_000, odometry=odometry, **blunt)
     here = log.odometry  # in the grid frame
     there = np.column_stack([8.0 - here[:, 0], 6.0 - here[:, 1], here[:, 2] + math.pi])
     for step in run(log, config)[8:]:
@@ -177,7 +182,8 @@ def standing(scan: Scan, index: int, offset=(0.0, 0.0, 0.0), ranges=None) -> Sca
 
 
 def test_nothing_changes_while_the_robot_stands_still(office: Log) -> None:
-    mcl = ParticleFilter(office.grid, office.laser, known_start(office))
+    """As the wheels say, whatever the laser sees."""
+    mcl = ParticleFilter(office.grid, office.laser, known_start(office, odometry="wheels"))
     scans = list(office.scans())[:15]
     for scan in scans:
         before = kept(mcl.update(scan))
@@ -193,9 +199,24 @@ def test_nothing_changes_while_the_robot_stands_still(office: Log) -> None:
     assert mcl.update(standing(scans[-1], 25, offset=(0.2, 0.0, 0.0))).moved
 
 
+@pytest.mark.parametrize("odometry", ["both", "laser"])
+def test_nothing_changes_while_the_laser_sees_that_the_robot_stands_still(office: Log, odometry: str) -> None:
+    """Apart from the noise of the laser, by which the estimate may shift; the belief does not."""
+    mcl = ParticleFilter(office.grid, office.laser, known_start(office, odometry=odometry))
+    scans, rng = list(office.scans())[:15], np.random.default_rng(0)
+    for scan in scans:
+        before = kept(mcl.update(scan))
+    for i in range(15, 25):
+        noisy = (scans[-1].ranges + rng.normal(0.0, 0.01, len(scans[-1].ranges))).astype(np.float32)
+        step = mcl.update(standing(scans[-1], i, ranges=noisy))
+        assert not step.moved
+        np.testing.assert_array_equal(step.particles, before.particles)
+        np.testing.assert_allclose(step.estimate.pose, before.estimate.pose, atol=0.01)
+
+
 def test_creeping_adds_up(office: Log) -> None:
     """Steps too short for an update are not forgotten: the estimate follows, and the tenth of a step updates."""
-    config = known_start(office, update_min_d=0.05, update_min_a=0.05)
+    config = known_start(office, odometry="wheels", update_min_d=0.05, update_min_a=0.05)
     mcl = ParticleFilter(office.grid, office.laser, config)
     scan = next(iter(office.scans()))
     start = mcl.update(scan).estimate.pose

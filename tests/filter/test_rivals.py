@@ -35,7 +35,7 @@ def crowd(*places: tuple[float, float, float], n: int = 500) -> np.ndarray:
 
 def by_wheels(*scans: Scan) -> Prior:
     """How the robot moved between two scans, as its wheels say."""
-    before, now = (Motion(scan.time, scan.odometry, None, None, scan.odometry) for scan in scans)
+    before, now = (Motion(scan.time, scan.odometry, None, None, scan.odometry, scan.ranges) for scan in scans)
     return motion_prior(before, now, CONFIG)
 
 
@@ -60,7 +60,7 @@ def test_rivals_drive_with_the_robot_and_find_their_place(office: Log, sensor: S
     rivals.find((start[:, None] + spread).astype(np.float32), NOBODY, 1, 0.0)
     for before, scan in itertools.pairwise(scans):
         prior = by_wheels(before, scan)
-        rivals.follow(prior, sensor.read(scan), scan.index)
+        rivals.follow(prior, sensor.read(scan.ranges), scan.index)
     assert np.hypot(*(rivals.poses[0] - truth[119])[:2]) < 0.2
     np.testing.assert_allclose(rivals.weights.sum(axis=1), 1.0)
 
@@ -74,7 +74,7 @@ def test_a_rival_does_not_depend_on_the_others_that_come_after_it(office: Log, s
     for before, scan in itertools.pairwise(scans):
         prior = by_wheels(before, scan)
         for rivals in (few, many):
-            rivals.follow(prior, sensor.read(scan), scan.index)
+            rivals.follow(prior, sensor.read(scan.ranges), scan.index)
     np.testing.assert_array_equal(few.particles[:, 0], many.particles[:, 0])
     last = many.poses[1].copy()
     many.keep(np.array([1]))

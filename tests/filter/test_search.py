@@ -28,7 +28,7 @@ def test_the_true_place_is_among_the_draws(office: Log, sensor: Sensor) -> None:
     truth = office.grid.to_grid(office.ground_truth.poses)
     share = []
     for scan in list(office.scans())[::60]:
-        x, y, theta = sensor.search(sensor.read(scan), N, stream_key(0, scan.index, 0)).poses
+        x, y, theta = sensor.search(sensor.read(scan.ranges), N, stream_key(0, scan.index, 0)).poses
         off = np.hypot(x - truth[scan.index, 0], y - truth[scan.index, 1])
         near = (off < 0.5) & (np.abs(wrap_angle(theta - truth[scan.index, 2])) < 0.2)
         share.append(near.mean())
@@ -40,7 +40,7 @@ def test_the_true_place_is_among_the_draws(office: Log, sensor: Sensor) -> None:
 def test_draws_stand_where_a_robot_can(office: Log, sensor: Sensor) -> None:
     """The laser in an open cell; the centre in a free one, give or take the width of a cell and a degree."""
     scan = next(iter(office.scans()))
-    x, y, theta = sensor.search(sensor.read(scan), N, stream_key(0, 0, 0)).poses
+    x, y, theta = sensor.search(sensor.read(scan.ranges), N, stream_key(0, 0, 0)).poses
     assert x.shape == (N,)
     assert np.abs(theta).max() <= np.float32(math.pi)
     col, row = np.floor(x / 0.1).astype(int), np.floor(y / 0.1).astype(int)
@@ -51,7 +51,7 @@ def test_draws_stand_where_a_robot_can(office: Log, sensor: Sensor) -> None:
 
 
 def test_the_key_decides(office: Log, sensor: Sensor) -> None:
-    reading = sensor.read(next(iter(office.scans())))
+    reading = sensor.read(next(iter(office.scans())).ranges)
     first, again, other = (sensor.search(reading, N, stream_key(k, 0, 0)).poses for k in (1, 1, 2))
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
@@ -59,7 +59,7 @@ def test_the_key_decides(office: Log, sensor: Sensor) -> None:
 
 def poses_without_a_word(office: Log, sensor: Sensor) -> np.ndarray:
     scan = dataclasses.replace(next(iter(office.scans())), ranges=np.full(180, np.nan, np.float32))
-    return sensor.search(sensor.read(scan), N, stream_key(0, 0, 0)).poses
+    return sensor.search(sensor.read(scan.ranges), N, stream_key(0, 0, 0)).poses
 
 
 def test_a_scan_that_says_nothing_leaves_every_place_open(office: Log, sensor: Sensor) -> None:

@@ -33,7 +33,7 @@ def drawn(start, before, after, config: Config, n: int = 1, key: int = 5) -> np.
     """Where n particles that stand at ``start`` go, (n, 3)."""
     m = odometry_motion(np.asarray(before, float), np.asarray(after, float), config)
     moved = np.repeat(np.asarray(start, np.float32)[:, None], n, axis=1)
-    Mover().move(moved, Prior((Component("wheels", np.zeros(3), np.eye(3), 1.0, m),), math.nan), stream_key(key, 1, 1))
+    Mover().move(moved, Prior((Component("wheels", np.zeros(3), np.eye(3), table=m),)), stream_key(key, 1, 1))
     return moved.T.astype(float)
 
 

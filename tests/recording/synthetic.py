@@ -108,7 +108,7 @@ def steps(log: Log, count: int, *, beams: int = 36, seed: int = 0) -> Iterator[S
             spread=float(np.hypot(*particles[:, :2].std(axis=0))),
             moved=True,
             resampled=scan.index % 3 == 0,
-            motion=Motion(scan.time, scan.odometry, None, None, scan.odometry),
+            motion=Motion(scan.time, scan.odometry, None, None, scan.odometry, scan.ranges),
             events=events,
         )
 
