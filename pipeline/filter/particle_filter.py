@@ -121,7 +121,7 @@ class ParticleFilter:
         evidence += math.log(unseen.share)
         share = min(1.0 / (1.0 + math.exp(min(others - evidence, 500.0))), 0.999)
         belief.admit(found.poses, share, key)
-        if told is not prior and len(told.components) < len(prior.components):
+        if len(told.components) < len(prior.components):
             belief.followed = np.append((1.0 - share) * belief.followed, share)
 
     def _learn(self, step: Step) -> None:
