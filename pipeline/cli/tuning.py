@@ -77,6 +77,8 @@ def tune(
     learned = tuning.tune(opened, effective, seed=seed, rounds=rounds, progress=console.progress)
     text = tuning.preset(learned)
     console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))
+    for remark in learned.remarks:
+        console.note(f"not learned: {remark}")
     if plot is not None:
         with replacing(plot) as partial:
             tuning.plot(learned, partial)
