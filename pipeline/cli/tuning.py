@@ -42,7 +42,7 @@ def tune(
         typer.Option("--output", "-o", metavar="PRESET.yaml", help="Write what was learned; stdout if not given."),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="Draw what was measured, and the learned densities over it.")
+        Path | None, typer.Option(metavar="OUT.png", help="Draw what was measured, and what was learned over it.")
     ] = None,
     record: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="The same as a recording.")] = None,
     rounds: Annotated[
