@@ -42,7 +42,7 @@ def tune(
         typer.Option("--output", "-o", metavar="PRESET.yaml", help="Write what was learned; stdout if not given."),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="OUT.png", help="Draw what was measured, and the learned densities over it.")
+        Path | None, typer.Option(metavar="OUT.png", help="Draw what was measured, and what was learned over it.")
     ] = None,
     record: Annotated[Path | None, typer.Option(metavar="OUT.rrd", help="The same as a recording.")] = None,
     rounds: Annotated[
@@ -77,6 +77,8 @@ def tune(
     learned = tuning.tune(opened, effective, seed=seed, rounds=rounds, progress=console.progress)
     text = tuning.preset(learned)
     console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))
+    for remark in learned.remarks:
+        console.note(f"not learned: {remark}")
     if plot is not None:
         with replacing(plot) as partial:
             tuning.plot(learned, partial)

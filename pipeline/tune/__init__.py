@@ -1,4 +1,4 @@
-"""Learns the sensor model, the odometry's noise and the temper from logs, without ground truth."""
+"""Learns the sensor model, the noise of wheels and laser odometry, and the temper from logs, without ground truth."""
 
 from pipeline.tune.histograms import plane, residuals
 from pipeline.tune.learning import Tuning, tune

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,12 +16,14 @@ from pipeline.filter.range_bias import RangeBias
 from pipeline.localization import localize
 from pipeline.logs.messages import Log, Scan
 from pipeline.maps.walls import wall_half_thickness
+from pipeline.tune.drift import DRIFTS, DriftFit, drift_windows, fit_drift
 from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model
-from pipeline.tune.motion import ALPHAS, fit_motion, windows
-from pipeline.tune.scans import evidence, readings, trusted
+from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
+from pipeline.tune.scans import evidence, readings, trusted, updates
 from pipeline.tune.temper import independent_beams, window_likelihoods
+from pipeline.tune.way import Listener, Way
 
-PARAMETERS = (*LEARNED, "occupied_threshold", "independent_beams", *ALPHAS)
+PARAMETERS = (*LEARNED, "occupied_threshold", "independent_beams", *ALPHAS, *DRIFTS)
 THRESHOLDS = (0.35, 0.6, 0.8, 0.9, 0.97)
 MOST_SCANS = 1000
 """Of one log, spread over it: 60,000 beams settle ten parameters."""
@@ -41,10 +43,16 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class Found:
-    """A log, and where hindsight saw the robot: poses (k, 3) in the map frame at the trusted updates ``scans`` (k,)."""
+    """A log, its scans as the filter saw them, and where hindsight saw the robot.
+
+    ``way``: what the witnesses of motion said; ``trajectory`` (n, 3) in the map frame, at every scan; ``updates`` (m,):
+    the scans at which the filter updated its belief; ``scans`` (k,): those of them that are trusted.
+    """
 
     log: Log
+    way: Way
     trajectory: Array
+    updates: NDArray[np.int64]
     scans: NDArray[np.int64]
 
     def every(self, most: int) -> NDArray[np.int64]:
@@ -78,6 +86,7 @@ class Tuning:
     ``before_scores`` and ``after_scores``: the latter of a model learned from one half of the scans only, so that
     the other half is held out; ``after`` itself is learned from all. ``thresholds``: (candidate, held-out evidence,
     nats per scan). ``history``: log-likelihood per beam over the iterations. ``readings``: per log, under ``after``.
+    ``drift``: how hindsight differs from the laser's odometry. ``remarks``: what was not learned, and why.
     """
 
     logs: tuple[Log, ...]
@@ -90,6 +99,8 @@ class Tuning:
     scans: int
     beams: int
     readings: tuple[Readings, ...]
+    drift: DriftFit
+    remarks: tuple[str, ...]
     seed: int
 
     def to_dict(self) -> dict[str, Any]:
@@ -104,6 +115,7 @@ class Tuning:
             "scores": {"before": vars(self.before_scores), "after": vars(self.after_scores)},
             "thresholds": [{"occupied_threshold": t, "evidence": e} for t, e in self.thresholds],
             "history": list(self.history),
+            "remarks": list(self.remarks),
         }
 
 
@@ -137,6 +149,8 @@ def tune(
         scans=sum(map(len, scans)),
         beams=sum(int(np.count_nonzero(~np.isnan(r.measured))) for r in final),
         readings=final,
+        drift=learned.drift,
+        remarks=learned.remarks,
         seed=seed,
     )
 
@@ -147,16 +161,21 @@ class _Learned:
     half: Config
     thresholds: tuple[tuple[float, float], ...]
     history: tuple[float, ...]
+    drift: DriftFit
+    remarks: tuple[str, ...]
 
 
 def _find(log: Log, config: Config, seed: int, progress: Progress | None) -> Found:
     def watched(scans: Iterable[Scan]) -> Iterable[Scan]:
         return scans if progress is None else progress(scans, len(log), f"localizing {log.name}")
 
-    result = localize(log, config, seed=seed, progress=watched)
-    scans = trusted(log, result, config)
+    listener = Listener()
+    result = localize(log, config, seed=seed, sinks=[listener], progress=watched)
+    way = listener.way
+    every = updates(way.poses, config)
+    scans = trusted(log, result, every)
     assert result.hindsight is not None
-    return Found(log, result.hindsight, scans)
+    return Found(replace(log, ranges=way.ranges), way, result.hindsight, every, scans)
 
 
 def _learn(found: Sequence[Found], config: Config) -> _Learned:
@@ -169,12 +188,28 @@ def _learn(found: Sequence[Found], config: Config) -> _Learned:
         tried.append((float(np.concatenate(rest).mean()), half))
     half = max(tried, key=lambda pair: pair[0])[1]
     fit = fit_beam_model([f.readings(f.every(MOST_SCANS), half) for f in found], half)
-    learned = fit_motion([windows(f.log.odometry, f.trajectory, f.scans, config) for f in found], fit.config)
-    rivals = [window_likelihoods(f.log, f.trajectory[f.scans], f.scans, learned) for f in found]
+    driven = [windows(f.log.odometry, f.trajectory, f.scans, config) for f in found if f.way.wheels]
+    drift = fit_drift([drift_windows(f.way, f.trajectory, f.updates, f.scans) for f in found], fit.config)
+    learned = fit_motion(driven, drift.config)
+    rivals = [window_likelihoods(f.log, f.way.poses, f.trajectory[f.scans], f.scans, learned) for f in found]
     beams = round(np.mean([len(select_beams(f.log.laser, config)) for f in found]))
     learned = learned.model_copy(update={"independent_beams": independent_beams(rivals, beams)})
     thresholds = tuple((model.occupied_threshold, value) for value, model in tried)
-    return _Learned(learned, half, thresholds, fit.history)
+    return _Learned(learned, half, thresholds, fit.history, drift, _remarks(found, driven, drift))
+
+
+def _remarks(found: Sequence[Found], driven: Sequence[Array], drift: DriftFit) -> tuple[str, ...]:
+    """What of the motion was left as it was."""
+    said = []
+    if sum(map(len, driven)) < FEWEST:
+        why = "the robot moved too little" if driven else "no wheels were heard"
+        said.append(f"{ALPHAS[0]} to {ALPHAS[-1]} are as they were: {why}")
+    unknown = [name for name, jitter in zip(DRIFTS, drift.jitter, strict=True) if np.isnan(jitter)]
+    if unknown:
+        heard = any(f.way.laser is not None for f in found)
+        why = "too little was driven that the laser holds" if heard else "the laser's odometry was not heard"
+        said.append(f"{' and '.join(unknown)} {'are' if len(unknown) > 1 else 'is'} as they were: {why}")
+    return tuple(said)
 
 
 def _fitted(found: Sequence[Found], config: Config) -> Config:

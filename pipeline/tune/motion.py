@@ -70,33 +70,33 @@ def fit_motion(found: Sequence[Array], config: Config) -> Config:
     A constant is fitted beside them, the trajectory's own jitter. A square varies the more the larger it is, so each
     is weighted by its predicted value, over a few rounds. With fewer than 20 windows nothing is learned.
     """
-    rows = np.concatenate(list(found))
+    rows = np.concatenate([np.empty((0, 4)), *found])
     if len(rows) < FEWEST:
         return config
     heading, along, turned, driven = rows.T
     # Both turns of an update change the heading: alpha2 counts twice there.
-    alpha1, alpha2 = _variances(heading, np.column_stack([turned, 2.0 * driven]))
-    alpha4, alpha3 = _variances(along, np.column_stack([turned, driven]))
+    alpha1, alpha2, _ = variances(heading, np.column_stack([turned, 2.0 * driven]))
+    alpha4, alpha3, _ = variances(along, np.column_stack([turned, driven]))
     values = (alpha1, alpha2, alpha3, alpha4)
     return config.model_copy(update={k: max(float(v), SMALLEST) for k, v in zip(ALPHAS, values, strict=True)})
 
 
-def _variances(errors: Array, regressors: Array) -> Array:
-    """What each regressor (n, 2) contributes to the variance of the errors (n,)."""
+def variances(errors: Array, regressors: Array) -> Array:
+    """What each regressor (n, m) contributes to the variance of the errors (n,), and a constant: (m + 1,)."""
     from scipy.optimize import nnls
 
     possible = np.abs(errors) < IMPOSSIBLE
     squared = np.square(errors[possible])
     design = np.column_stack([regressors[possible], np.ones(len(squared))])
     scale = np.maximum(design.max(axis=0, initial=0.0), 1e-9)  # all near one: better conditioned
-    predicted, solution = np.ones(len(squared)), np.zeros(3)
+    predicted, solution = np.ones(len(squared)), np.zeros(design.shape[1])
     for _ in range(ROUNDS):
         used = squared < OUTLIER**2 * predicted
         weight = used / predicted
         solution = nnls(design / scale * weight[:, None], squared * weight)[0] / scale
         # Never so small that the windows in which nothing happens are all that counts.
         predicted = np.maximum(design @ solution, SMALLEST_ERROR**2)
-    return solution[:2]
+    return solution
 
 
 def _turns(rot1: float, trans: float, rot2: float) -> tuple[float, float]:

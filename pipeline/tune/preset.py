@@ -28,6 +28,7 @@ def preset(tuning: Tuning) -> str:
         f"# seed {tuning.seed}; {tuning.scans:,} scans, {tuning.beams:,} beams.",
         f"# Held-out log-evidence, nats per scan: {before.evidence[1]:.3f} before, {after.evidence[1]:.3f} after;",
         f"# log-likelihood, nats per beam: {before.likelihood[1]:.3f} before, {after.likelihood[1]:.3f} after.",
+        *(f"# Not learned: {remark}." for remark in tuning.remarks),
         "",
         *(f"{name}: {_number(getattr(tuning.after, name))}" for name in PARAMETERS),
     ]

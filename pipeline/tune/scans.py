@@ -27,18 +27,18 @@ NEAR = 0.1, math.radians(2.0)
 """m, rad: the pose may be wrong by so much when a scan's evidence is taken."""
 
 
-def updates(odometry: Array, config: Config) -> NDArray[np.int64]:
-    """Indices of the scans at which the filter updates its belief, for odometry (n, 3): those after a move."""
+def updates(way: Array, config: Config) -> NDArray[np.int64]:
+    """Indices of the scans at which the filter updates its belief, for dead reckoning (n, 3): those after a move."""
     kept = [0]
-    for i in range(1, len(odometry)):
-        dx, dy, turn = between(odometry[kept[-1]], odometry[i])
+    for i in range(1, len(way)):
+        dx, dy, turn = between(way[kept[-1]], way[i])
         if math.hypot(dx, dy) >= config.update_min_d or abs(turn) >= config.update_min_a:
             kept.append(i)
     return np.array(kept)
 
 
-def trusted(log: Log, result: RunResult, config: Config) -> NDArray[np.int64]:
-    """Indices of the updates at which the belief had converged, to where hindsight confirms it.
+def trusted(log: Log, result: RunResult, scans: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Those of the updates ``scans`` at which the belief had converged, to where hindsight confirms it.
 
     Raises MclError if there are too few, or if the run kept no hindsight.
     """
@@ -46,7 +46,6 @@ def trusted(log: Log, result: RunResult, config: Config) -> NDArray[np.int64]:
         raise MclError("tuning needs hindsight", "use --set hindsight=true", path=log.path)
     apart = np.hypot(*(result.poses - result.hindsight)[:, :2].T)
     sure = (result.spread < CONVERGED_SPREAD) & (apart < AGREES)
-    scans = updates(log.odometry, config)
     scans = scans[sure[scans]]
     if len(scans) < FEWEST:
         raise MclError(

@@ -27,12 +27,13 @@ FEWEST, MOST = 1.0, 10.0
 sure of one of many places that look alike before it has seen what tells them apart."""
 
 
-def window_likelihoods(log: Log, poses: Array, scans: NDArray[np.int64], config: Config) -> Array:
+def window_likelihoods(log: Log, way: Array, poses: Array, scans: NDArray[np.int64], config: Config) -> Array:
     """(windows, rivals) log-likelihood of all beams of each window, untempered; the true place is column 0.
 
-    ``poses`` (k, 3) at the updates ``scans`` (k,); all of them, since it is their number that makes a filter too sure.
+    ``way`` (n, 3): dead reckoning at every scan; ``poses`` (k, 3) at the updates ``scans`` (k,): all, since it is
+    their number that makes a filter too sure.
     """
-    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(log.odometry[:, :2], axis=0).T))])[scans]
+    path = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way[:, :2], axis=0).T))])[scans]
     scores = displaced(log, poses, scans, config, RIVALS)
     _, first = np.unique((path / WINDOW).astype(int), return_index=True)
     return np.add.reduceat(scores, first, axis=1).T
