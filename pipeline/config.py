@@ -59,9 +59,9 @@ class Config(BaseModel):
         description="Of the particles that follow the laser, the share that follows it exactly; the rest: loosely.",
     )
     laser_drift_d: NonNegative = Field(
-        0.008, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."
+        0.01, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."
     )
-    laser_drift_a: NonNegative = Field(0.002, description="The same of its heading, rad.")
+    laser_drift_a: NonNegative = Field(0.0025, description="The same of its heading, rad.")
 
     # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")

@@ -180,7 +180,7 @@ def test_fit(seed: int) -> None:
 
 @given(seeds)
 @settings(max_examples=10, deadline=None)
-def test_sweep_finds_the_best_place_of_every_heading(seed: int) -> None:
+def test_sweep_finds_the_best_heading_and_the_best_place_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
     pose = rng.uniform([-1, -1, -3], [1, 0.5, 3])
     seen = np.ascontiguousarray(as_seen_from(room()[:, rng.choice(room().shape[1], 25, replace=False)], pose))
@@ -190,11 +190,15 @@ def test_sweep_finds_the_best_place_of_every_heading(seed: int) -> None:
     matching.sweep(seen, 25, centre, 0.6, 0.2, 0.4, 0.1, *memory(points), 0.2, poses, scores)
     expected = reference.sweep(seen, centre, 0.6, 0.2, angles, reference.Walls(points, SIZE, REACH), 0.2)
     best = expected.reshape(9, -1).max(axis=1)
-    # A point on the border of a cell may be counted here and not there.
-    np.testing.assert_allclose(scores, best, atol=1.01 / 25)
+    # The window is looked through in double steps first, so that a wrong heading's best place may be missed: what it
+    # has is less then. A point on the border of a cell may be counted here and not there.
+    border = 1.01 / 25
+    assert (scores <= best + border).all()
+    assert abs(scores.max() - best.max()) <= border
     np.testing.assert_allclose(poses[:, 2], angles, atol=1e-12)
-    rows, cols = (np.rint((poses[:, axis] - centre[axis]) / 0.2).astype(int) + 3 for axis in (1, 0))
-    np.testing.assert_allclose(expected[np.arange(9), rows, cols], best, atol=1.01 / 25)
+    top = int(np.argmax(scores))
+    row, col = (round((poses[top, axis] - centre[axis]) / 0.2) + 3 for axis in (1, 0))
+    assert abs(expected.reshape(9, 7, 7)[top, row, col] - best.max()) <= border
 
 
 def test_a_sweep_prefers_what_is_near_where_all_fits_alike() -> None:
