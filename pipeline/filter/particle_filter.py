@@ -35,6 +35,8 @@ INITIAL, REMEMBER, DUAL = 0, 8, 24
 """Purposes of random numbers: each has its own stream at every scan."""
 FAR = 0.3
 """m: deviation of a drive that nobody saw, from which on the scan proposes places: particles would be too few."""
+STILL = 5.0
+"""How many times as far a robot must have moved that its wheels say stands still."""
 NOTABLE = 0.01
 """Probability from which on a rival is shown among the hypotheses."""
 TRUSTED = 0.9
@@ -83,8 +85,13 @@ class ParticleFilter:
     def _moved(self, motion: Motion) -> bool:
         if self._motion is None:
             return True
-        dx, dy, turn = between(self._motion.pose, motion.pose)
-        return math.hypot(dx, dy) >= self._config.update_min_d or abs(turn) >= self._config.update_min_a
+        far, turned = self._config.update_min_d, self._config.update_min_a
+        if motion.laser is None or motion.odometry is None or self._motion.odometry is None:
+            return _reaches(between(self._motion.pose, motion.pose), far, turned)
+        # A laser among people is never quite still: against wheels that are, its word counts from farther on.
+        if _reaches(between(self._motion.odometry, motion.odometry), far, turned):
+            return True
+        return _reaches(between(self._motion.pose, motion.pose), STILL * far, STILL * turned)
 
     def _start(self, scan: Scan, reading: Reading) -> None:
         """Particles where config.init says; an exhaustive start has to see the first scan for that."""
@@ -173,6 +180,10 @@ class ParticleFilter:
             pose, covariance = rivals.poses[row], rivals.covariance(int(row))
             others.append(map_estimate(self._grid, pose, covariance, float(odds[1 + row])))
         return (estimate, *sorted(others, key=lambda e: -e.weight)[: MOST_CLUSTERS - 1])
+
+
+def _reaches(step: NDArray[np.float64], far: float, turned: float) -> bool:
+    return math.hypot(step[0], step[1]) >= far or abs(float(step[2])) >= turned
 
 
 def _read_only(array: NDArray[Scalar]) -> NDArray[Scalar]:

@@ -37,6 +37,8 @@ FEWEST = 15
 """Points without which a scan says nothing."""
 POOR = 0.6
 """Fit below which a wide window is searched: right matches fit by 0.65 or more (1st percentile, docs/motion.md)."""
+GOOD = 0.85
+"""Fit below which the covariance grows: with the fourth power of how far."""
 BROKEN = 0.4
 """Fit below which no match holds, and the memory of walls begins anew."""
 PRICE, CLEARLY = 1.5, 0.25
@@ -198,7 +200,9 @@ class _Walls:
         pose, normal = np.empty(3), np.empty((3, 3))
         fit = matching.align(seen, seen.shape[1], guess, *self._memory, REACH, SCALE, pose, normal)
         covariance, way = _covariance(normal, seen.shape[1])
-        return _Fit(_kept(pose, guess, way), fit, covariance, way)
+        # Where much does not fit, what seems to fit may be what moves.
+        doubt = max(1.0, GOOD / max(fit, 0.1)) ** 4
+        return _Fit(_kept(pose, guess, way), fit, doubt * covariance, way)
 
     def fit(self, seen: NDArray[np.float32], pose: Array) -> float:
         """At a pose that is not matched, and so as good as the wheels: with twice the scale."""
