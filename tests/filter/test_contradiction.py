@@ -64,6 +64,6 @@ def test_a_break_of_the_lasers_odometry_ends_it():
 def test_no_word_without_wheels_or_laser():
     story = Contradiction()
     step = SimpleNamespace(
-        time=0.0, motion=Motion(0.0, None, None, None, np.zeros(3)), moved=True, prior=None, followed=None
+        time=0.0, motion=Motion(0.0, None, None, None, np.zeros(3), np.empty(0, np.float32)), moved=True, prior=None, followed=None
     )
     assert story.hear(step) == []
