@@ -37,15 +37,21 @@ FEWEST = 15
 """Points without which a scan says nothing."""
 POOR = 0.6
 """Fit below which a wide window is searched: right matches fit by 0.65 or more (1st percentile, docs/motion.md)."""
-BROKEN = 0.3
+BROKEN = 0.4
 """Fit below which no match holds, and the memory of walls begins anew."""
-BETTER = 0.01
-"""By how much a later guess must fit better: where a corridor leaves its length open, all fit alike."""
+PRICE, CLEARLY = 1.5, 0.25
+"""Points, and fit, by which a match must be better that is elsewhere than the first guess leads: somebody walking by is
+some points, and of a wide window's many places one always fits by chance."""
+ELSEWHERE_D, ELSEWHERE_A = 0.03, 0.03
+"""m, rad: two matches closer than this are one."""
+FASTEST, SPINNING = 5.0, 6.0
+"""m/s, rad/s: no robot drives or turns faster."""
 SIGMA = 0.02
 """m: deviation of a point from its line, from which the covariance follows: chosen so that steps in exact truth and in
 three logs have NEES about 1 (docs/motion.md). It is larger than a laser's noise, since neighbours err together."""
-OPEN = 0.01
-"""A direction in which the points' normals have less than this share of their squares is open: a corridor's length."""
+OPEN, OPEN_POINTS = 0.01, 4.0
+"""A direction in which the points' normals have less than this share of their squares, or less than so many points, is
+open: a corridor's length, along which nothing but somebody's legs tells."""
 ANYWHERE = 1e3
 """m^2 or rad^2: variance in an open direction."""
 
@@ -77,6 +83,12 @@ class Window:
     half_width: float
     half_angle: float
 
+    @classmethod
+    def after(cls, seconds: float) -> Window:
+        """As far as a robot may be off a guess after so many seconds, within what can be searched."""
+        width, angle = min(1.6 if seconds < SECOND else 4.0, FASTEST * seconds + 0.1), SPINNING * seconds + 0.2
+        return cls(width, min(angle, math.radians(100.0) if seconds < SECOND else math.pi))
+
 
 class LaserOdometry:
     """Matches every scan to the walls that the latest key scans saw."""
@@ -95,36 +107,40 @@ class LaserOdometry:
         """(4, n) float32: the points (m) of the remembered key scans and their normals."""
         return self._walls.points
 
-    def update(self, ranges: NDArray[np.float32], guesses: Sequence[Array], window: Window) -> Match:
+    def update(self, ranges: NDArray[np.float32], guesses: Sequence[Array], seconds: float, told: bool = True) -> Match:
         """Match one scan (beams,) float32 m; ``guesses`` (3,) of the step since the last one, the most trusted first.
 
-        If none of them leads to a good fit, all of the ``window`` around the first is searched.
+        If none of them leads to a good fit, a window around the first is searched, as wide as a robot drives in so many
+        ``seconds``. ``told``: the first guess is somebody's word, the wheels', and not just how the robot moved before.
         """
         n, seen = self._points(ranges)
-        told = compose(self._pose, guesses[0])
+        first = compose(self._pose, guesses[0])
         if self._walls.empty or seen.shape[1] < FEWEST:
-            return self._lost(told, n)
-        found = [self._walls.match(seen, compose(self._pose, guess)) for guess in guesses]
-        best = found[0]
-        for other in found[1:]:
-            best = other if other.fit > best.fit + BETTER else best
-        wide = False
+            return self._lost(first, n)
+        least, wide = PRICE / seen.shape[1], False
+        best = self._walls.match(seen, first)
+        for guess in guesses[1:]:
+            other = self._walls.match(seen, compose(self._pose, guess))
+            if other.fit > best.fit + least and _apart(best.pose, other.pose) and self._possible(other.pose, seconds):
+                best = other
         if best.fit < POOR:
-            for start in self._walls.search(seen, told, window):
+            least = CLEARLY if told else least
+            for start in self._walls.search(seen, first, Window.after(seconds)):
                 other = self._walls.match(seen, start)
-                if other.fit > best.fit + BETTER:
+                if other.fit > best.fit + (0.0 if wide else least) and self._possible(other.pose, seconds):
                     best, wide = other, True
-        as_told = self._walls.fit(seen, told)
-        if best.fit < BROKEN:
-            return self._lost(told, n)
-        covariance, way = _covariance(best.normal, seen.shape[1])
-        pose = best.pose
-        if way is not None:
-            pose = pose.copy()
-            pose[:2] += way * (way @ (told - pose)[:2])
+        as_told = self._walls.fit(seen, first)
+        if best.fit < BROKEN or not self._possible(best.pose, seconds):
+            return self._lost(first, n)
+        pose = _kept(best.pose, first, best.open)
         self._pose = pose
         self._walls.remember(self._seen[:, :n], pose)
-        return Match(pose, covariance, best.fit, as_told, way, wide, self._stretch)
+        return Match(pose, best.covariance, best.fit, as_told, best.open, wide, self._stretch)
+
+    def _possible(self, pose: Array, seconds: float) -> bool:
+        """Whether a robot gets there in that time."""
+        step = between(self._pose, pose)
+        return math.hypot(step[0], step[1]) < FASTEST * seconds + 0.1 and abs(step[2]) < SPINNING * seconds + 0.2
 
     def fit(self, ranges: NDArray[np.float32], guess: Array) -> float:
         """How well a scan (beams,) would fit, matched from one guess (3,) of the step; nothing is remembered of it."""
@@ -152,7 +168,8 @@ class LaserOdometry:
 class _Fit:
     pose: Array
     fit: float
-    normal: Array
+    covariance: Array
+    open: Array | None
 
 
 class _Walls:
@@ -180,7 +197,8 @@ class _Walls:
     def match(self, seen: NDArray[np.float32], guess: Array) -> _Fit:
         pose, normal = np.empty(3), np.empty((3, 3))
         fit = matching.align(seen, seen.shape[1], guess, *self._memory, REACH, SCALE, pose, normal)
-        return _Fit(pose, fit, normal)
+        covariance, way = _covariance(normal, seen.shape[1])
+        return _Fit(_kept(pose, guess, way), fit, covariance, way)
 
     def fit(self, seen: NDArray[np.float32], pose: Array) -> float:
         """At a pose that is not matched, and so as good as the wheels: with twice the scale."""
@@ -232,6 +250,23 @@ class _Walls:
 WINDOW_STEP, WINDOW_TURN = 0.2, math.radians(4.0)
 """m, rad: steps of a search in a window; a match finds its way from there."""
 CANDIDATES = 4
+SECOND = 1.0
+"""s: scans farther apart are looked for much farther around."""
+
+
+def _kept(pose: Array, guess: Array, way: Array | None) -> Array:
+    """A match which in the direction that it leaves open is where the guess was."""
+    if way is None:
+        return pose
+    moved = pose.copy()
+    moved[:2] += way * (way @ (guess - pose)[:2])
+    return moved
+
+
+def _apart(a: Array, b: Array) -> bool:
+    """Whether two matches are two."""
+    away = between(a, b)
+    return math.hypot(away[0], away[1]) > ELSEWHERE_D or abs(away[2]) > ELSEWHERE_A
 
 
 def _covariance(normal: Array, points: int) -> tuple[Array, Array | None]:
@@ -240,13 +275,14 @@ def _covariance(normal: Array, points: int) -> tuple[Array, Array | None]:
     # What the points say of the place once the heading has had its share.
     place = normal[:2, :2] - np.outer(normal[:2, 2], normal[2, :2]) / turns
     strength, ways = np.linalg.eigh(place)
-    if strength[0] >= OPEN * points:
+    least = max(OPEN * points, OPEN_POINTS)
+    if strength[0] >= least:
         return np.asarray(SIGMA**2 * np.linalg.inv(normal), np.float64), None
     held = normal + np.diag([0.0, 0.0, 1e-6])
     way = np.array([ways[0, 0], ways[1, 0], 0.0])
     # In the open direction the points' word is the noise of their normals: it is taken back.
     projection = np.eye(3) - np.outer(way, way)
     held = projection @ held @ projection + np.outer(way, way) * SIGMA**2 / ANYWHERE
-    if strength[1] < OPEN * points:
+    if strength[1] < least:
         return ANYWHERE * np.eye(3), way[:2]
     return np.asarray(SIGMA**2 * np.linalg.inv(held), np.float64), way[:2]

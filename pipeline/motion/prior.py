@@ -169,9 +169,13 @@ def _open_ways(before: Match, now: Match) -> list[Array]:
 
 
 def _unseen(before: Motion, now: Motion) -> Component:
-    """Nobody says: as far as a robot drives in that time, around where dead reckoning has it."""
+    """Nobody says: as far as a robot drives in that time, around where dead reckoning has it.
+
+    While nobody has seen its speed it may have become any other.
+    """
     seconds = now.time - before.time
-    reach = min(0.5 * ACCELERATION * seconds**2 + 0.02, SPEED * seconds + 0.02, FARTHEST)
+    changed = min(ACCELERATION * (before.blind + 0.5 * seconds), SPEED)
+    reach = min(changed * seconds + 0.02, FARTHEST)
     turn = min(0.5 * TURNING * seconds**2 + 0.02, TURN_RATE * seconds + 0.02, math.pi)
     return Component(UNSEEN, between(before.pose, now.pose), np.diag([reach**2, reach**2, turn**2]))
 

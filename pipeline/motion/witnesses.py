@@ -12,14 +12,9 @@ from pipeline.config import Config
 from pipeline.geometry import between, compose
 from pipeline.logs.messages import Laser, Scan
 from pipeline.motion.deskew import Deskewer
-from pipeline.motion.laser_odometry import LaserOdometry, Match, Window
+from pipeline.motion.laser_odometry import LaserOdometry, Match
 
 Array = NDArray[np.float64]
-
-NEAR, WIDE = Window(1.6, math.radians(100.0)), Window(4.0, math.pi)
-"""Where a match is looked for that is not where any guess says: between two scans that follow each other, and between
-scans that are more than a SECOND apart."""
-SECOND = 1.0
 
 
 @dataclass(frozen=True)
@@ -29,7 +24,8 @@ class Motion:
     ``odometry``: as the wheels say, None without wheels; ``laser``: the match of the laser's odometry, None if only the
     wheels are heard; ``turn``: heading by a gyroscope, rad, None without one; ``pose``: dead reckoning by both, which
     starts where the odometry does; ``time``: seconds since the first scan. ``ranges`` (beams,) float32 m: the scan as
-    it is seen from where the robot was at its stamp.
+    it is seen from where the robot was at its stamp; ``blind``: seconds since the laser last told the robot's speed in
+    all directions.
     """
 
     time: float
@@ -38,6 +34,7 @@ class Motion:
     turn: float | None
     pose: Array
     ranges: NDArray[np.float32]
+    blind: float = 0.0
 
     @property
     def laser_pose(self) -> Array:
@@ -55,7 +52,7 @@ class Witnesses:
         )
         self._deskewer = Deskewer(laser)
         self._last: Motion | None = None
-        self._step, self._seconds = np.zeros(3), 0.0
+        self._step, self._seconds, self._blind = np.zeros(3), 0.0, math.inf
 
     def update(self, scan: Scan) -> Motion:
         """What is known once this scan is in."""
@@ -66,7 +63,7 @@ class Witnesses:
         seconds = scan.time - last.time if last is not None else 0.0
         guesses = self._guesses(last, odometry, scan.turn, seconds)
         ranges = self._at_the_stamp(scan, guesses[0])
-        match = self._laser.update(ranges, guesses, NEAR if seconds < SECOND else WIDE)
+        match = self._laser.update(ranges, guesses, seconds, self._wheels)
         if last is None:
             pose = np.array(scan.odometry, np.float64)
         else:
@@ -74,7 +71,9 @@ class Witnesses:
             # Where no match holds, the laser's odometry has gone on as the first guess said.
             self._step, self._seconds = between(last.laser.pose, match.pose), seconds
             pose = compose(last.pose, self._step)
-        self._last = Motion(scan.time, odometry, match, scan.turn, pose, ranges)
+            known = match.open is None and match.stretch == last.laser.stretch
+            self._blind = 0.0 if known else self._blind + seconds
+        self._last = Motion(scan.time, odometry, match, scan.turn, pose, ranges, self._blind)
         return self._last
 
     @property
