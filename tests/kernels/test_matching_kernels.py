@@ -187,8 +187,9 @@ def test_sweep_finds_the_best_heading_and_the_best_place_there(seed: int) -> Non
     centre, points = pose + rng.uniform(-0.3, 0.3, 3), room().astype(np.float32)
     angles = centre[2] - 0.4 + 0.1 * np.arange(9)
     poses, scores = np.empty((9, 3)), np.empty(9)
-    matching.sweep(seen, 25, centre, 0.6, 0.2, 0.4, 0.1, *memory(points), 0.2, poses, scores)
-    expected = reference.sweep(seen, centre, 0.6, 0.2, angles, reference.Walls(points, SIZE, REACH), 0.2)
+    matching.sweep(seen, 25, centre, 0.8, 0.2, 0.4, 0.1, *memory(points), 0.2, poses, scores)
+    # Around the best of the double steps two single ones are looked at on every side, also beyond the window.
+    expected = reference.sweep(seen, centre, 1.2, 0.2, angles, reference.Walls(points, SIZE, REACH), 0.2)
     best = expected.reshape(9, -1).max(axis=1)
     # The window is looked through in double steps first, so that a wrong heading's best place may be missed: what it
     # has is less then. A point on the border of a cell may be counted here and not there.
@@ -197,8 +198,8 @@ def test_sweep_finds_the_best_heading_and_the_best_place_there(seed: int) -> Non
     assert abs(scores.max() - best.max()) <= border
     np.testing.assert_allclose(poses[:, 2], angles, atol=1e-12)
     top = int(np.argmax(scores))
-    row, col = (round((poses[top, axis] - centre[axis]) / 0.2) + 3 for axis in (1, 0))
-    assert abs(expected.reshape(9, 7, 7)[top, row, col] - best.max()) <= border
+    row, col = (round((poses[top, axis] - centre[axis]) / 0.2) + 6 for axis in (1, 0))
+    assert abs(expected.reshape(9, 13, 13)[top, row, col] - best.max()) <= border
 
 
 def test_a_sweep_prefers_what_is_near_where_all_fits_alike() -> None:
