@@ -114,7 +114,7 @@ class Recovery:
             self._add(self._sensor.search(reading, DRAWS, key, coarse=True).poses, self._place(belief)[None], scan)
         if not len(self.rivals):
             return None
-        self._hear(belief, reading, motion.pose)
+        self._hear(belief, reading, motion)
         verdict = self._decide(belief, scan)
         self._dismiss(belief)
         return verdict
@@ -131,9 +131,12 @@ class Recovery:
     def _place(self, belief: Belief) -> NDArray[np.float64]:
         return self._grid.to_grid(belief.hypotheses[0].pose)
 
-    def _hear(self, belief: Belief, reading: Reading, at: NDArray[np.float64]) -> None:
+    def _hear(self, belief: Belief, reading: Reading, motion: Motion) -> None:
         poses = np.vstack([self._place(belief), self.rivals.poses])
         statement, weight = self._sensor.statement(poses, reading)
+        # Spots are told apart as the wheels reckon, where there are any: over the seconds of a contest that is good enough,
+        # and with the laser's reckoning a robot that was carried off was found later (docs/motion.md).
+        at = motion.pose if motion.odometry is None else motion.odometry
         self._evidence.enter(statement, self._sensor.ends(at, reading), at[:2], weight)
 
     def _decide(self, belief: Belief, scan: Scan) -> Verdict | None:

@@ -84,7 +84,7 @@ class Rivals:
             self.particles[:, row] = self.particles[:, row, survivors]
             self.weights[row] = 1.0 / EACH
         flat = self.particles.reshape(3, -1)
-        self._mover.move(flat, prior, stream_key(self._seed, scan, self._stream + 2))
+        self._mover.move(flat, prior.loosely, stream_key(self._seed, scan, self._stream + 2))
         log_likelihood = np.empty(flat.shape[1], np.float32)
         self._sensor.score(flat, reading, log_likelihood)
         places.weigh(self.weights, log_likelihood.reshape(self.weights.shape), reading.temper, self._ess)

@@ -21,10 +21,10 @@ from pipeline.motion.witnesses import Motion
 
 Array = NDArray[np.float64]
 
-UNSEEN = "unseen"
+WHEELS, LASER, LOOSELY, UNSEEN = "wheels", "laser", "laser, loosely", "unseen"
 AGREE = 11.3
 """Chi-square with three degrees of freedom: of witnesses that are both right 99 % are closer to each other."""
-WHEELS = 0.1
+SOME = 0.1
 """Share of the particles that follow the wheels where they agree with the laser."""
 EITHER = 0.5
 """The same where they do not: the map decides."""
@@ -77,6 +77,20 @@ class Prior:
         """The component of a drive that nobody saw, if there is one."""
         return next((component for component in self.components if component.name == UNSEEN), None)
 
+    @property
+    def loosely(self) -> Prior:
+        """The same with the wheels' noise only, for a place that is known roughly and must settle where the map has it:
+        as the wheels say where they agree with the laser, else as either says."""
+        by_name = {component.name: component for component in self.components}
+        if LASER not in by_name:
+            return self
+        if WHEELS in by_name and self.disagreement < AGREE:
+            return replace(self, components=(by_name[WHEELS],))
+        loose = by_name[LOOSELY]
+        wide = replace(loose, share=by_name[LASER].share + loose.share)
+        rest = [component for component in self.components if component.name not in (LASER, LOOSELY)]
+        return replace(self, components=(wide, *rest))
+
     def without(self, one: Component) -> Prior:
         """The same without one component, unless it is all that there is."""
         rest = tuple(component for component in self.components if component is not one)
@@ -102,10 +116,10 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     disagreement, share = math.nan, NEARBY if now.time - before.time < MOMENT else EITHER
     if told is not None:
         disagreement = _chi_square(seen, told)
-        share = WHEELS if disagreement < AGREE else EITHER
+        share = SOME if disagreement < AGREE else EITHER
     assert before.laser is not None
     exactly = _helped(seen, other, before.laser, now.laser)
-    loosely = _by_table(np.zeros(3), exactly.step, "laser, loosely", config)
+    loosely = _by_table(np.zeros(3), exactly.step, LOOSELY, config)
     most = (1.0 - share) * config.laser_share
     lasers = _shared([exactly], most) + _shared([loosely], 1.0 - share - most)
     return Prior((*lasers, *_shared(others, share)), disagreement)
@@ -119,7 +133,7 @@ def _shared(components: list[Component], share: float) -> tuple[Component, ...]:
 def _by_wheels(before: Motion, now: Motion, config: Config) -> Component | None:
     if before.odometry is None or now.odometry is None:
         return None
-    return _by_table(before.odometry, now.odometry, "wheels", config)
+    return _by_table(before.odometry, now.odometry, WHEELS, config)
 
 
 def _by_table(before: Array, now: Array, name: str, config: Config) -> Component:
@@ -142,7 +156,7 @@ def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:
     drift = np.diag([config.laser_drift_d**2, config.laser_drift_d**2, config.laser_drift_a**2]) * driven
     matches = swing @ _held(a) @ swing.T + into @ _held(b) @ into.T
     anywhere = sum((np.outer(way, way) for way in _open_ways(a, b)), np.zeros((3, 3)))
-    return Component("laser", step, WHITE * matches + drift + LEAST + ANYWHERE * anywhere)
+    return Component(LASER, step, WHITE * matches + drift + LEAST + ANYWHERE * anywhere)
 
 
 def _held(match: Match) -> Array:

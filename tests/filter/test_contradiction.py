@@ -24,7 +24,7 @@ def told(forwards, wheels=(-0.1, 0.0, 0.0), laser=(0.1, 0.0, 0.0), follows=0.9, 
         parts = tuple(Component(name, np.zeros(3), np.eye(3), 0.5) for name in ("laser", "wheels"))
         step = SimpleNamespace(
             time=0.2 * k,
-            motion=Motion(0.2 * k, by_wheels, match, None, by_laser),
+            motion=Motion(0.2 * k, by_wheels, match, None, by_laser, np.empty(0, np.float32)),
             moved=True,
             prior=Prior(parts, 2.0 * AGREE if wrong else 0.1) if k else None,
             followed=np.array([follows, 1.0 - follows]) if k else None,
@@ -64,6 +64,10 @@ def test_a_break_of_the_lasers_odometry_ends_it():
 def test_no_word_without_wheels_or_laser():
     story = Contradiction()
     step = SimpleNamespace(
-        time=0.0, motion=Motion(0.0, None, None, None, np.zeros(3), np.empty(0, np.float32)), moved=True, prior=None, followed=None
+        time=0.0,
+        motion=Motion(0.0, None, None, None, np.zeros(3), np.empty(0, np.float32)),
+        moved=True,
+        prior=None,
+        followed=None,
     )
     assert story.hear(step) == []

@@ -142,7 +142,7 @@ def heard(
         still = k in (0, len(log) - 1)
         yield dataclasses.replace(
             step,
-            motion=Motion(step.time, by_wheels if wheels else None, match, None, now),
+            motion=Motion(step.time, by_wheels if wheels else None, match, None, now, step.motion.ranges),
             prior=None if still else Prior(tuple(parts), disagreement),
             followed=None if still else np.array([0.9, 0.1]),
             walls=walls,
