@@ -134,8 +134,8 @@ class Recovery:
     def _hear(self, belief: Belief, reading: Reading, motion: Motion) -> None:
         poses = np.vstack([self._place(belief), self.rivals.poses])
         statement, weight = self._sensor.statement(poses, reading)
-        # Spots are told apart as the wheels reckon, where there are any. That is good enough for the length of a contest,
-        # and with the laser's reckoning a robot that was carried off was found later (docs/motion.md).
+        # Spots are told apart as the wheels reckon, where there are any: good enough for the length of a contest. With
+        # the laser's reckoning a robot that was carried off was found later (docs/motion.md).
         at = motion.pose if motion.odometry is None else motion.odometry
         self._evidence.enter(statement, self._sensor.ends(at, reading), at[:2], weight)
 
