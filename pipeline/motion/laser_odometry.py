@@ -39,8 +39,9 @@ POOR = 0.6
 """Fit below which a wide window is searched: right matches fit by 0.65 or more (1st percentile, docs/motion.md)."""
 GOOD = 0.85
 """Fit below which the covariance grows: with the fourth power of how far."""
-BROKEN = 0.4
-"""Fit below which no match holds, and the memory of walls begins anew."""
+BROKEN, BROKEN_ALONE = 0.4, 0.3
+"""Fit below which no match holds, and the memory of walls begins anew: where the wheels tell how to go on, and where
+nobody does, so that a poor match is better than none."""
 PRICE, CLEARLY = 1.5, 0.25
 """Points, and fit, by which a match must be better that is elsewhere than the first guess leads: somebody walking by is
 some points, and of a wide window's many places one always fits by chance."""
@@ -132,7 +133,7 @@ class LaserOdometry:
                 if other.fit > best.fit + (0.0 if wide else least) and self._possible(other.pose, seconds):
                     best, wide = other, True
         as_told = self._walls.fit(seen, first)
-        if best.fit < BROKEN or not self._possible(best.pose, seconds):
+        if best.fit < (BROKEN if told else BROKEN_ALONE) or not self._possible(best.pose, seconds):
             return self._lost(first, n)
         pose = _kept(best.pose, first, best.open)
         self._pose = pose
