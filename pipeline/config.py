@@ -52,16 +52,19 @@ class Config(BaseModel):
 
     # --- who says how the robot moved -------------------------------------------------------------------
     odometry: Literal["both", "wheels", "laser"] = Field(
-        "both", description="Believe the wheels and the laser's own odometry, or one of them alone."
+        "both",
+        description="Who says how the robot moved: the wheels and the laser's own odometry, or one of them alone. "
+        "Without wheels it is the laser in any case.",
     )
     laser_share: Fraction = Field(
         0.9,
-        description="Of the particles that follow the laser, the share that follows it exactly; the rest: loosely.",
+        description="Of the particles that follow the laser, so many do so with its own small noise, "
+        "the rest with the wheels' noise.",
     )
     laser_drift_d: NonNegative = Field(
-        0.01, description="Drift of the laser's odometry along and across, as a deviation after one metre, m."
+        0.01, description="How far the laser's odometry drifts in one metre, along and across: a deviation, m."
     )
-    laser_drift_a: NonNegative = Field(0.0025, description="The same of its heading, rad.")
+    laser_drift_a: NonNegative = Field(0.0025, description="How far its heading drifts in one metre: a deviation, rad.")
 
     # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")
@@ -69,7 +72,9 @@ class Config(BaseModel):
     alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")
     alpha4: NonNegative = Field(0.002, description="Variance of translation from rotation, m^2/rad^2.")
     slip: Fraction = Field(
-        0.1, description="Share of drives with fifteen times the deviation, while few beams are explained: wheels slip."
+        0.1,
+        description="Share of drives with fifteen times the deviation, while few beams are explained: wheels slip. "
+        "Only where the wheels alone are heard.",
     )
 
     # --- which beams are used ----------------------------------------------------------------------------

@@ -81,7 +81,7 @@ def convert(
     laser_frame: LaserFrameOption = None,
     without_odometry: Annotated[
         bool,
-        typer.Option("--without-odometry", help="Leave the odometry out, as if nobody had recorded any."),
+        typer.Option("--without-odometry", help="Leave out the wheels: the laser alone then tells the motion."),
     ] = False,
     mode: Annotated[
         MapMode, typer.Option(help="How a map becomes a YAML: trinary by the thresholds, or keeping every per cent.")

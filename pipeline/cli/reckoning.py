@@ -38,11 +38,11 @@ def odometry(
         Path | None, typer.Option("--output", "-o", metavar="OUT.tum", help="Write the path, a pose for every scan.")
     ] = None,
     laser_alone: Annotated[
-        bool, typer.Option("--laser-alone", help="Ask the laser only, as if the robot had no odometry.")
+        bool, typer.Option("--laser-alone", help="Ask the laser only, as if the robot had no wheels.")
     ] = False,
     mcap: Annotated[
         Path | None,
-        typer.Option("--output-mcap", metavar="OUT.mcap", help="Write the log's messages and with them /laser_odom."),
+        typer.Option("--output-mcap", metavar="OUT.mcap", help="Write the log with the path in it, as /laser_odom."),
     ] = None,
     reference: Annotated[
         Path | None,
@@ -65,9 +65,10 @@ def odometry(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Tell where the robot went without a map: laser odometry.
+    """Tell where the robot went by its laser and its wheels, without a map.
 
-    Its laser and its wheels are heard, or its laser alone. Where the truth is known, also how far each of them drifts.
+    The laser compares every scan with the walls that it saw before (laser odometry); the wheels tell it where to look.
+    Where the truth is known, a table says how far both together, the laser alone and the wheels drift.
     """
     if output is not None:
         check_output(output, force)
