@@ -50,11 +50,12 @@ ELSEWHERE_D, ELSEWHERE_A = 0.03, 0.03
 FASTEST, SPINNING = 5.0, 6.0
 """m/s, rad/s: no robot drives or turns faster."""
 SIGMA = 0.02
-"""m: deviation of a point from its line, from which the covariance follows: chosen so that steps in exact truth and in
-three logs have NEES about 1 (docs/motion.md). It is larger than a laser's noise, since neighbours err together."""
+"""m: deviation of a point from its line, from which the covariance follows. It is larger than a laser's noise, since
+neighbours err together: in three real logs steps have NEES about 1, in made-up buildings 0.2 to 0.6 (docs/motion.md)."""
 OPEN, OPEN_POINTS = 0.01, 4.0
-"""A direction in which the points' normals have less than this share of their squares, or less than so many points, is
-open: a corridor's length, along which nothing but somebody's legs tells."""
+"""A direction in which the points' normals have less than this share of their squares is open: a corridor's length.
+Where wheels tell of it, also with less than so many points: they may be somebody's legs. Without wheels they are all
+that there is."""
 ANYWHERE = 1e3
 """m^2 or rad^2: variance in an open direction."""
 
@@ -121,6 +122,7 @@ class LaserOdometry:
         if self._walls.empty or seen.shape[1] < FEWEST:
             return self._lost(first, n)
         least, wide = PRICE / seen.shape[1], False
+        self._walls.least = OPEN_POINTS if told else 0.0
         best = self._walls.match(seen, first)
         for guess in guesses[1:]:
             other = self._walls.match(seen, compose(self._pose, guess))
@@ -184,6 +186,8 @@ class _Walls:
         self._cells = np.full((CELLS, CELLS), -1, np.int32)
         self._sizes: list[int] = []
         self._key = np.zeros(3)
+        self.least = OPEN_POINTS
+        """Points without which a direction is open."""
 
     @property
     def empty(self) -> bool:
@@ -200,7 +204,7 @@ class _Walls:
     def match(self, seen: NDArray[np.float32], guess: Array) -> _Fit:
         pose, normal = np.empty(3), np.empty((3, 3))
         fit = matching.align(seen, seen.shape[1], guess, *self._memory, REACH, SCALE, pose, normal)
-        covariance, way = _covariance(normal, seen.shape[1])
+        covariance, way = _covariance(normal, max(OPEN * seen.shape[1], self.least))
         # Where much does not fit, what seems to fit may be what moves.
         doubt = max(1.0, GOOD / max(fit, 0.1)) ** 4
         return _Fit(_kept(pose, guess, way), fit, doubt * covariance, way)
@@ -274,13 +278,12 @@ def _apart(a: Array, b: Array) -> bool:
     return math.hypot(away[0], away[1]) > ELSEWHERE_D or abs(away[2]) > ELSEWHERE_A
 
 
-def _covariance(normal: Array, points: int) -> tuple[Array, Array | None]:
-    """Of a match, from its normal equations (3, 3); and the direction in which these leave it open."""
+def _covariance(normal: Array, least: float) -> tuple[Array, Array | None]:
+    """Of a match, from its normal equations (3, 3); and the direction which less than ``least`` points hold, if any."""
     turns = normal[2, 2] + 1e-6
     # What the points say of the place once the heading has had its share.
     place = normal[:2, :2] - np.outer(normal[:2, 2], normal[2, :2]) / turns
     strength, ways = np.linalg.eigh(place)
-    least = max(OPEN * points, OPEN_POINTS)
     if strength[0] >= least:
         return np.asarray(SIGMA**2 * np.linalg.inv(normal), np.float64), None
     held = normal + np.diag([0.0, 0.0, 1e-6])
