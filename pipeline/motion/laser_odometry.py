@@ -51,7 +51,7 @@ FASTEST, SPINNING = 5.0, 6.0
 """m/s, rad/s: no robot drives or turns faster."""
 SIGMA = 0.02
 """m: deviation of a point from its line, from which the covariance follows. Larger than a laser's own noise, since
-neighbours err together: in three real buildings steps have NEES about 1, in made-up ones 0.2 to 0.6 (docs/motion.md)."""
+neighbours err together: in three real buildings NEES is about 1, in made-up ones 0.2 to 0.6 (docs/motion.md)."""
 OPEN, OPEN_POINTS = 0.01, 4.0
 """A direction in which the points' normals have less than this share of their squares is open: a corridor's length.
 Where wheels tell of it, also with less than so many points: they may be somebody's legs. Without wheels they are all
