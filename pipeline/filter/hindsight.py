@@ -83,9 +83,10 @@ class Hindsight:
         for k in range(len(self._scans) - 2, -1, -1):
             prior = self._priors[k + 1]
             assert prior is not None, "only the first update has no prior"
-            moved = np.array([component.step for component in prior.components])
-            std = np.array([_deviations(component) for component in prior.components])
-            shares = np.array([component.share for component in prior.components])
+            ways = prior.witnesses
+            moved = np.array([component.step for component in ways])
+            std = np.array([_deviations(component) for component in ways])
+            shares = np.array([component.share for component in ways])
             poses, key = self._poses[k], stream_key(seed, self._scans[k], SMOOTH)
             work = 8 * len(at) * poses.shape[1] * len(shares)
             draw_predecessors(work, *poses, self._weights[k], at, which, moved, std, shares, JUMP, key, chosen)

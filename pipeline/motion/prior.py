@@ -78,6 +78,17 @@ class Prior:
         return next((component for component in self.components if component.name == UNSEEN), None)
 
     @property
+    def witnesses(self) -> tuple[Component, ...]:
+        """The components without the one that follows the laser loosely, whose share goes to the laser: for whoever looks
+        at particles that are farther apart than the two differ."""
+        loose = sum(component.share for component in self.components if component.name == LOOSELY)
+        return tuple(
+            replace(component, share=component.share + loose * (component.name == LASER))
+            for component in self.components
+            if component.name != LOOSELY
+        )
+
+    @property
     def loosely(self) -> Prior:
         """The same with the wheels' noise only, for a place that is known roughly and must settle where the map has it:
         as the wheels say where they agree with the laser, else as either says."""
