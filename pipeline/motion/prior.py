@@ -79,8 +79,10 @@ class Prior:
 
     @property
     def witnesses(self) -> tuple[Component, ...]:
-        """The components without the one that follows the laser loosely, whose share goes to the laser: for whoever looks
-        at particles that are farther apart than the two differ."""
+        """The components without the one that follows the laser loosely, whose share goes to the laser.
+
+        For whoever looks at particles that are farther apart than the two differ.
+        """
         loose = sum(component.share for component in self.components if component.name == LOOSELY)
         return tuple(
             replace(component, share=component.share + loose * (component.name == LASER))
