@@ -22,6 +22,7 @@ from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Array
 from pipeline.geometry import between
 from pipeline.logs.stamps import parse_stamp
+from pipeline.logs.tum import read_lines
 
 SCANS = 200
 """How many scans apart the ends of a window are."""
@@ -191,7 +192,7 @@ def read_relations(path: Path) -> Relations:
     """
     stamps: list[tuple[int, int]] = []
     motions: list[tuple[float, float, float]] = []
-    for number, line in enumerate(_read_lines(Path(path)), start=1):
+    for number, line in enumerate(read_lines(Path(path), f"expected {RELATIONS}"), start=1):
         words = line.partition("#")[0].split()
         if not words:
             continue
@@ -240,14 +241,3 @@ def _scans_at(stamps: NDArray[np.int64], wanted: NDArray[np.int64]) -> tuple[NDA
     before = np.clip(after - 1, 0, None)
     nearest = np.where(np.abs(stamps[after] - wanted) < np.abs(stamps[before] - wanted), after, before)
     return nearest, np.all(np.abs(stamps[nearest] - wanted) <= _SAME, axis=1)
-
-
-def _read_lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8").splitlines()
-    except FileNotFoundError as error:
-        raise MclError("no such file", path=path) from error
-    except UnicodeDecodeError as error:
-        raise MclError("not a text file", f"expected {RELATIONS}", path=path) from error
-    except OSError as error:
-        raise MclError(f"cannot be read: {error.strerror}", f"expected {RELATIONS}", path=path) from error

@@ -24,7 +24,7 @@ def read_tum(path: Path, frame: str = "map") -> Trajectory:
     path = Path(path)
     stamps: list[int] = []
     rows: list[list[float]] = []
-    for number, line in enumerate(_read_lines(path), start=1):
+    for number, line in enumerate(read_lines(path, f"give a trajectory as {LINES}"), start=1):
         text = line.partition("#")[0].split()
         if not text:
             continue
@@ -60,12 +60,13 @@ def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     Path(path).write_text("".join(lines), encoding="ascii")
 
 
-def _read_lines(path: Path) -> list[str]:
+def read_lines(path: Path, hint: str) -> list[str]:
+    """The lines of a text file; ``hint`` says what was expected. Raises MclError if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8").splitlines()
     except FileNotFoundError as error:
         raise MclError("no such file", path=path) from error
     except UnicodeDecodeError as error:
-        raise MclError("not a text file", f"give a trajectory as {LINES}", path=path) from error
+        raise MclError("not a text file", hint, path=path) from error
     except OSError as error:
-        raise MclError(f"cannot be read: {error.strerror}", f"give a trajectory as {LINES}", path=path) from error
+        raise MclError(f"cannot be read: {error.strerror}", hint, path=path) from error
