@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.filter.particles import Particles
-from pipeline.filter.search import Posterior
+from pipeline.filter.search import COARSE, Posterior
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -44,5 +44,5 @@ def proposed(
     """
     posterior = sensor.search_near(reading, before, n, key)
     per_bin = max(1, round(BIN / grid.resolution))
-    asked = max(1, round(0.2 / grid.resolution))
+    asked = max(1, round(COARSE / grid.resolution))
     return posterior, posterior.evidence + 2.0 * float(np.log(asked / per_bin))
