@@ -65,7 +65,7 @@ def odometry(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Tell where the robot went by its laser and its wheels, without a map.
+    """Tell where the robot went, without a map.
 
     The laser compares every scan with the walls that it saw before (laser odometry); the wheels tell it where to look.
     Where the truth is known, a table says how far both together, the laser alone and the wheels drift.
