@@ -133,7 +133,7 @@ class Faults:
             self._back = self._back * math.exp(-drive / MEMORY_D) + [drive, drive * forwards]
 
     def _slip(self, step: Step) -> list[Fault]:
-        if step.seen is None or self.dead:
+        if step.seen is None or self.dead or self.late:
             return []
         told = self.mended(step.told)
         apart, turned = math.hypot(*(told - step.seen)[:2]), abs(float(wrap_angle(told[2] - step.seen[2])))
@@ -156,7 +156,7 @@ class Faults:
         self._odd = abs(apart) > ODD_D and seen[0] > -BACKING
         both, self._apart = self._apart + apart, apart
         was, self._spinning = self._spinning, abs(both) > SPUN_D and seen[0] > -BACKING
-        if was or not self._spinning or self.dead or self._reverses or driven < KNOWN_D:
+        if was or not self._spinning or self.dead or self.late or self._reverses or driven < KNOWN_D:
             return []
         says = f"they say {in_words(told)} in the last of them, the laser {in_words(seen)}"
         return [Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")]
