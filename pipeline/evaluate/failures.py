@@ -43,14 +43,10 @@ def draw_failures(times: Array, truth: Array, rate: float, seed: int) -> tuple[F
     steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
     way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
     faults: list[Fault] = []
-    row, shift, last = (
-        0,
-        0.0,
-        0.0,
-    )  # of the log's scans, where it goes on; s that it is later than recorded; last failure
+    shift, last = 0.0, 0.0  # s that scans are later than they were recorded; when the failure before this one was
     while True:
-        metres = way[row] + rng.exponential(1.0 / rate)
-        row = max(int(np.searchsorted(way, metres)), int(np.searchsorted(times + shift, last + MARGIN)))
+        since = min(int(np.searchsorted(times + shift, last + MARGIN)), len(times) - 1)
+        row = int(np.searchsorted(way, way[since] + rng.exponential(1.0 / rate)))
         end = min(times[-1], times[-1] + shift)
         if row >= len(times) or times[row] + shift > end - MARGIN:
             return tuple(faults)
@@ -59,9 +55,9 @@ def draw_failures(times: Array, truth: Array, rate: float, seed: int) -> tuple[F
         name, drawn = FAILURES[int(rng.integers(len(FAILURES)))], rng.random(3)
         elsewhere = _elsewhere(times, truth, row) if name == ELSEWHERE else None
         if elsewhere is not None and len(elsewhere):
-            row = int(elsewhere[int(drawn[0] * len(elsewhere))])
-            shift = now - float(times[row])
-            faults.append(Fault("jump", (last, math.floor(1000.0 * times[row]) / 1000.0), ELSEWHERE))
+            there = float(times[elsewhere[int(drawn[0] * len(elsewhere))]])
+            shift = now - there
+            faults.append(Fault("jump", (last, math.floor(1000.0 * there) / 1000.0), ELSEWHERE))
         elif name == SHIFTED:
             metres, direction = 0.5 + 2.5 * drawn[1], 2.0 * np.pi * drawn[2]
             shifted = (float(metres * np.cos(direction)), float(metres * np.sin(direction)))
