@@ -57,7 +57,7 @@ def test_faults_say_more_of_the_odometry_than_its_noise() -> None:
 
 
 def test_what_a_simulation_cannot_make_is_an_error(tmp_path: Path) -> None:
-    with pytest.raises(MclError, match="cannot hold the note of the faults.*--format mcap"):
+    with pytest.raises(MclError, match=r"cannot hold the note of the faults.*--format mcap"):
         simulate(buildings.room(), tmp_path, 7, Format.cmu, [parse_fault("mirrored")])
     with pytest.raises(MclError, match="only mcl evaluate can make it"):
         simulate(buildings.room(), tmp_path, 7, faults=[parse_fault("jump:4:1")])
