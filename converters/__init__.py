@@ -12,6 +12,7 @@ from converters.map_files import HEAD, convert_map, read_map
 from converters.report import ConversionReport
 from converters.text import read_bytes
 from pipeline.errors import MclError
+from pipeline.logs.faults import Fault
 from pipeline.logs.recorded import Names
 
 __all__ = ["ConversionReport", "convert", "convert_map", "read_map"]
@@ -37,6 +38,8 @@ def convert(
     join: bool = False,
     names: Names | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Converts one raw log (or several, one after the other, with ``join``) and its map into ``output``.
 
@@ -47,7 +50,8 @@ def convert(
     robot was switched off, carried, and switched on. ``ground_truth``: a TUM file of base_link in the map, its
     stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag. ``without_odometry``: leave
     out what the wheels said, as if nobody had recorded it; the scans keep their stamps, the laser its place on the
-    robot. Raises MclError for input of no known format and for whatever is wrong in it.
+    robot. ``faults``: to be made in it, where they do not say by ``seed``. Raises MclError for input of no known format
+    and for whatever is wrong in it.
     """
     sources = [Path(source) for source in sources]
     if not sources:
@@ -59,7 +63,7 @@ def convert(
         if kind is not kinds[0]:
             raise MclError(f"a {kind.DESCRIPTION} cannot be joined to a {kinds[0].DESCRIPTION}", path=source)
     options: dict[str, Any] = {"map_path": map_path, "drop": drop, "ground_truth": ground_truth}
-    options["without_odometry"] = without_odometry
+    options |= {"without_odometry": without_odometry, "faults": faults, "seed": seed}
     if names is not None and names != Names():
         if kinds[0].FORMAT != "rosbag":
             raise MclError(f"a {kinds[0].DESCRIPTION} has no topics and frames to choose", path=sources[0])

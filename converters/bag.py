@@ -29,6 +29,8 @@ from pipeline.logs import schema
 from pipeline.logs.collect import Drive, collect, find, mark_no_return
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.decode import decode_grid
+from pipeline.logs.disturbed import disturbed_columns
+from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.recorded import Names, describe
@@ -59,6 +61,8 @@ def convert(
     ground_truth: Path | None = None,
     names: Names | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Writes ``output`` from one bag; see ``converters.convert``. ``drop`` counts from the first scan or odometry.
 
@@ -99,7 +103,9 @@ def convert(
         metadata[schema.SEGMENTS] = to_metadata(segments)
     if map_record:
         metadata[schema.MAP_SOURCE] = map_record
-    gyroscope = _gyroscope(drive, drop)
+    scans, odometry, gyroscope, made = disturbed_columns(scans, odometry, _gyroscope(drive, drop), faults, seed)
+    if made:
+        metadata[schema.FAULTS] = note(made)
     write_log(
         output,
         scans,
@@ -121,6 +127,7 @@ def convert(
         output=output,
         size=output.stat().st_size,
         unit="messages",
+        faults=[fault.text for fault in made],
     )
 
 

@@ -23,6 +23,8 @@ from pipeline.errors import MclError
 from pipeline.geometry import Pose, between, wrap_angle
 from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.disturbed import disturbed_columns
+from pipeline.logs.faults import Fault, note
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import write_log
@@ -51,6 +53,8 @@ def convert(
     drop: Sequence[tuple[float, float]] = (),
     ground_truth: Path | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Writes ``output`` from one log; see ``converters.convert``. The first line that counts is the first scan.
 
@@ -94,26 +98,31 @@ def convert(
 
         grid = read_map(map_path)
         metadata[schema.MAP_SOURCE] = {"file": Path(map_path).name, "sha256": sha256(map_path)}
-    scans, odometry, lasers = _columns(log, segments, range_max)
+    scans, wheels, lasers = _columns(log, segments, range_max)
+    odometry = None if without_odometry else wheels
+    scans, odometry, _, made = disturbed_columns(scans, odometry, None, faults, seed)
+    if made:
+        metadata[schema.FAULTS] = note(made)
     write_log(
         output,
         scans,
-        None if without_odometry else odometry,
+        odometry,
         laser_pose,
         grid=grid,
         ground_truth=read_tum(ground_truth) if ground_truth is not None else _truth(raw),
-        laser_poses=None if without_odometry else lasers,
+        laser_poses=None if without_odometry or made else lasers,
         metadata=metadata,
     )
     return ConversionReport(
         format=FORMAT,
         lines=sum(raw.counts.values()),
         scans=len(scans),
-        odometry=0 if without_odometry else len(odometry),
+        odometry=0 if odometry is None else len(odometry),
         dropped=len(raw) - len(log),
         duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
         output=output,
         size=output.stat().st_size,
+        faults=[fault.text for fault in made],
     )
 
 

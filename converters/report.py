@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +14,7 @@ LEFT_OUT = "left out on request"
 class ConversionReport:
     """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes.
 
-    ``odometry``: messages of it that were written, 0 where there is none.
+    ``odometry``: messages of it that were written, 0 where there is none; ``faults``: made on purpose, as texts.
     """
 
     format: str
@@ -25,3 +26,4 @@ class ConversionReport:
     output: Path
     size: int
     unit: str = "lines"
+    faults: Sequence[str] = ()
