@@ -113,4 +113,4 @@ def _unseen(step: Step) -> list[Event]:
         text = f"{gap.seconds:.0f} s are missing before {at}; {said}, {so}."
     else:
         text = f"The laser sees other walls at {at} than just before; {said}, so the robot may have been carried."
-    return [*events, Event("gap", text, "WARN")]
+    return [*events, Event("gap", text, "INFO" if gap.bridged else "WARN")]
