@@ -43,10 +43,12 @@ class Config(BaseModel):
     # --- what the belief is made of ------------------------------------------------------------------
     filter: Literal["mcl", "grid"] = Field(
         "mcl",
-        description="Particles (Table 8.2), or the probability of every cell (Table 8.1): slower, and forgets no place.",
+        description="Monte Carlo localization (Table 8.2), or grid localization (Table 8.1), which is slow.",
     )
-    grid_d: float = Field(0.1, ge=0.02, le=2.0, description="Edge of such a cell, m.")
-    grid_a: float = Field(0.035, ge=0.005, le=0.5, description="Turn from one heading of cells to the next, rad.")
+    grid_d: float = Field(0.1, ge=0.02, le=2.0, description="filter=grid: edge of a cell, m.")
+    grid_a: float = Field(
+        0.035, ge=0.005, le=0.5, description="filter=grid: turn from one heading of cells to the next, rad."
+    )
 
     # --- how many particles --------------------------------------------------------------------------
     max_particles: int = Field(30_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")

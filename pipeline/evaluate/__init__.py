@@ -2,12 +2,14 @@
 
 from pipeline.evaluate.plots import plot
 from pipeline.evaluate.report import (
+    CERTAIN_COLUMNS,
     COLUMNS,
     COMPARE_COLUMNS,
     RECOVERY_COLUMNS,
     Evaluation,
     LogEvaluation,
     Run,
+    certainty_table,
     compare_table,
     recovery_table,
     table,
@@ -16,6 +18,7 @@ from pipeline.evaluate.runs import compare, evaluate
 from pipeline.evaluate.variants import Comparison, Variant, variants
 
 __all__ = [
+    "CERTAIN_COLUMNS",
     "COLUMNS",
     "COMPARE_COLUMNS",
     "RECOVERY_COLUMNS",
@@ -24,6 +27,7 @@ __all__ = [
     "LogEvaluation",
     "Run",
     "Variant",
+    "certainty_table",
     "compare",
     "compare_table",
     "evaluate",

@@ -188,6 +188,7 @@ def _run(work: _Work, task: Task) -> Run:
         kidnapped_at=case.kidnapped_at,
         lost_at=[index for index, _, event in result.events if event.kind == "lost"],
         hindsight=result.hindsight,
+        weights=result.weights,
     )
     return Run(seed, scored, result.poses, dict(result.seconds), speed=case.log.duration / elapsed)
 

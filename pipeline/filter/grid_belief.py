@@ -34,16 +34,22 @@ SHOW = 1
 """Purpose of random numbers."""
 
 
+NO_CELLS = Cells(np.zeros(1, np.int64), np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0))
+
+
 class GridBelief:
-    """What ``Belief`` is to particles: predict, weigh, group. ``particles`` are the cells, one at the centre of each, or
-    as many as there may be, drawn by weight."""
+    """What ``Belief`` is to particles: predict, weigh, group.
+
+    ``particles``: one at the centre of each cell, or as many as there may be, drawn by weight; ``hypotheses`` and
+    ``followed`` (components of the prior,) as those of ``Belief``, from all cells.
+    """
 
     def __init__(self, grid: OccupancyGrid, config: Config, sensor: Sensor, seed: int) -> None:
         self._grid, self._config, self._sensor, self._seed = grid, config, sensor, seed
         self._lattice = Lattice.of(config.grid_d, config.grid_a)
         height, width = (math.ceil(cells * grid.resolution / config.grid_d) for cells in grid.occupancy.shape)
         self._plane = np.zeros((height, width))
-        self._cells = Cells(np.zeros(1, np.int64), *(np.empty(0, np.int32) for _ in range(2)), np.empty(0))
+        self._cells = NO_CELLS
         self._clusters = Clusters(grid, config.max_particles)
         self._room = config.max_particles
         self.particles = Particles(config.max_particles)
@@ -173,26 +179,39 @@ class Way:
 
 
 def grouped(prior: Prior, lattice: Lattice) -> list[Way]:
-    """The prior's components, the heaviest first; those that end within a cell of it or so are one with it.
+    """The prior's components, the heaviest first; those that a lattice, or anybody, can hardly tell apart are one.
 
-    A lattice cannot tell them apart: their weights on it add up to those of their common mean and covariance.
+    Within about a cell the weights of several Gaussians on a lattice add up to those of one with their common mean and
+    covariance; and so they nearly do where the Gaussians themselves are alike.
     """
     components = prior.components
     shares = np.array([component.share for component in components])
     shares /= shares.sum()
-    order = np.argsort(-shares, kind="stable").tolist()
-    heaviest = components[order[0]]
     cell = np.array([lattice.size, lattice.size, lattice.turn])
-    off = np.array([component.step - heaviest.step for component in components])
-    off[:, 2] = wrap_angle(off[:, 2])
-    spreads = np.array([np.diag(component.covariance) for component in components])
-    near = ((off**2 + spreads) / cell**2 < NARROW).all(axis=1)
-    one = [order[0], *(k for k in order[1:] if near[k] and near[order[0]])]
+    steps = np.array([component.step for component in components])
+    spreads = np.array([np.diag(component.covariance) for component in components]) / cell**2
+    groups: list[list[int]] = []
+    for k in np.argsort(-shares, kind="stable").tolist():
+        for group in groups:
+            off = _apart(steps[k], steps[group[0]]) ** 2 / cell**2
+            narrow, wide = np.minimum(spreads[k], spreads[group[0]]), np.maximum(spreads[k], spreads[group[0]])
+            if (off + wide < NARROW).all() or ((off < 0.25 * narrow).all() and (wide < 2.0 * narrow).all()):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
     ways = []
-    for members in [one, *([k] for k in order if k not in one)]:
-        part = shares[members] / shares[members].sum()
-        mean = part @ off[members]
-        about = off[members] - mean
-        covariance = sum(p * (components[k].covariance + np.outer(a, a)) for p, k, a in zip(part, members, about, strict=True))
-        ways.append(Way(tuple(members), shares[members], heaviest.step + mean, np.asarray(covariance)))
-    return ways
+    for group in groups:
+        part, off = shares[group] / shares[group].sum(), _apart(steps[group], steps[group[0]])
+        mean = part @ off
+        covariances = np.array([components[k].covariance for k in group])
+        covariance = np.einsum("i,ijk->jk", part, covariances) + ((off - mean).T * part) @ (off - mean)
+        ways.append(Way(tuple(group), shares[group], steps[group[0]] + mean, covariance))
+    return sorted(ways, key=lambda way: -way.share)
+
+
+def _apart(a: Array, b: Array) -> Array:
+    """How far steps (..., 3) are from another one (3,)."""
+    off = a - b
+    off[..., 2] = wrap_angle(off[..., 2])
+    return off

@@ -30,6 +30,12 @@ class GridFilter(ParticleFilter):
     def _start(self, scan: Scan, reading: Reading) -> None:
         self._cells.start(reading, scan.index)
 
-    def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Verdict | None]:
+    def _advance(
+        self,
+        scan: Scan,
+        reading: Reading,
+        motion: Motion,  # noqa: ARG002
+        prior: Prior,
+    ) -> tuple[bool, Verdict | None]:
         self._cells.advance(prior, reading, scan.index)
         return False, None

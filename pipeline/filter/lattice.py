@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,13 +15,13 @@ from pipeline.kernels import lattice
 
 Array = NDArray[np.float64]
 
-WIDTHS = 5.0
+WIDTHS = 4.0
 """Deviations to which a Gaussian reaches."""
 NARROW = 0.5
 """Cells^2: below this variance a Gaussian at the cells' centres would have another one; then three weights are better
 that have its mean and variance (a locally consistent chain: Kushner and Dupuis, 1992)."""
-NOTHING = 1e-12
-"""Shares below this are left out."""
+NOTHING = 1e-9
+"""A share below this is none."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +69,7 @@ class Moves:
         while True:
             start, weight = np.empty(headings + 1, np.int64), np.empty(room)
             row, col = np.empty(room, np.int32), np.empty(room, np.int32)
-            n = lattice.spread(
-                cells.start, cells.row, cells.col, cells.weight, *moves, plane, start, row, col, weight
-            )
+            n = lattice.spread(cells.start, cells.row, cells.col, cells.weight, *moves, plane, start, row, col, weight)
             if n >= 0:
                 return Cells(start, row[:n], col[:n], weight[:n])
             room *= 2
@@ -114,14 +114,14 @@ class Lattice:
     @property
     def headings(self) -> Array:
         """(headings,) rad."""
-        return self.yaw + self.turn * np.arange(len(self.shift))
+        return np.asarray(self.yaw + self.turn * np.arange(len(self.shift)), np.float64)
 
     def poses(self, cells: Cells) -> NDArray[np.float32]:
         """(3, n) m, m, rad: the centres of cells, in the grid frame."""
         heading = cells.heading
         x = (cells.col + 0.5 + self.shift[heading, 0]) * self.size
         y = (cells.row + 0.5 + self.shift[heading, 1]) * self.size
-        return np.stack([x, y, wrap_angle(self.headings[heading])]).astype(np.float32)
+        return np.stack([x, y, wrap_angle(self.headings)[heading]]).astype(np.float32)
 
     def moved(self, step: Array) -> Lattice:
         """The lattice after a step (3,) m, m, rad of the robot, in the robot's frame."""
@@ -129,15 +129,13 @@ class Lattice:
         return Lattice(self.size, self.turn, shift - np.round(shift), float(wrap_angle(self.yaw + step[2])))
 
     def spread(self, cells: Cells, to: Lattice, step: Array, covariance: Array, plane: Array) -> Cells:
-        """The cells' weights on the lattice ``to`` after a step (3,) of the robot with a Gaussian's noise (3, 3), both in
-        the robot's frame: first in heading, with what it goes along with, then along the axes of the map."""
-        turning, excess = self._turning(to, step, covariance, plane.shape)
+        """The cells' weights on the lattice ``to`` after a step (3,) with Gaussian noise (3, 3), both in the
+        robot's frame: first in heading, with what that implies of x and y, then along the axes of the map."""
+        turning, excess = self._turning(to, step, covariance)
         along, across = to._drifting(step, covariance, excess, plane.shape)
         return across(along(turning(cells, plane), plane), plane)
 
-    def _turning(
-        self, to: Lattice, step: Array, covariance: Array, shape: tuple[int, ...]
-    ) -> tuple[Moves, Array]:
+    def _turning(self, to: Lattice, step: Array, covariance: Array) -> tuple[Moves, Array]:
         """The move by the step and its noise in heading; and (headings, 2) cells^2, the variance along x and y that
         arises since cells of different headings do not lie one on the other."""
         n = len(self.shift)
@@ -151,20 +149,18 @@ class Lattice:
         whole, part = _split(at)
         excess = np.zeros((n, 2))
         np.add.at(excess, target, share[:, None] * part * (1.0 - part))
-        sides = [(down, right) for down in (0, 1) for right in (0, 1)]
-        return _moves(
-            [
-                (target, np.arange(n)[:, None], whole[..., 1] + down, whole[..., 0] + right,
-                 share * np.abs(1 - down - part[..., 1]) * np.abs(1 - right - part[..., 0]))
-                for down, right in sides
-            ]
-        ), excess  # fmt: skip
+        # The four cells around the end have it as their mean (bilinear).
+        (x, right), (y, down) = ((part[..., k], whole[..., k]) for k in (0, 1))
+        source, sides = (
+            np.arange(n)[:, None],
+            [(0, 1.0 - y, 0, 1.0 - x), (0, 1.0 - y, 1, x), (1, y, 0, 1.0 - x), (1, y, 1, x)],
+        )
+        ways = [(target, source, down + i, right + j, share * of_y * of_x) for i, of_y, j, of_x in sides]
+        return _moves(ways), excess
 
-    def _drifting(
-        self, step: Array, covariance: Array, excess: Array, shape: tuple[int, ...]
-    ) -> tuple[Moves, Moves]:
-        """The noise along x and y, given the turn, less the variance that is there already: along the axis in which there
-        is more of it, with what goes along with it, and then along the other."""
+    def _drifting(self, step: Array, covariance: Array, excess: Array, shape: tuple[int, ...]) -> tuple[Moves, Moves]:
+        """The noise along x and y, given the turn, less the variance that is there already: along the axis that has
+        more of it, with what that implies of the other, and then along that one."""
         n, most = len(self.shift), max(shape)
         given = covariance[:2, :2] - np.outer(covariance[:2, 2], covariance[:2, 2]) / covariance[2, 2]
         yaw = self.headings - step[2]  # before the move
@@ -228,7 +224,7 @@ def _along(by_column: NDArray[np.bool_], ways: list[tuple[NDArray[np.int64], NDA
     )
 
 
-def _moves(ways: list[tuple[NDArray[np.generic], ...]]) -> Moves:
+def _moves(ways: Sequence[tuple[NDArray[Any], ...]]) -> Moves:
     """All of them in one list: target, source, rows, columns and share of each, broadcast."""
     columns = zip(*(np.broadcast_arrays(*way) for way in ways), strict=True)
     return Moves(*(np.concatenate([part.reshape(-1) for part in column]) for column in columns))
