@@ -47,7 +47,7 @@ class Config(BaseModel):
     )
     grid_d: float = Field(0.1, ge=0.02, le=2.0, description="filter=grid: edge of a cell, m.")
     grid_a: float = Field(
-        0.035, ge=0.005, le=0.5, description="filter=grid: turn from one heading of cells to the next, rad."
+        0.035, ge=0.005, le=1.0, description="filter=grid: turn from one heading of cells to the next, rad."
     )
 
     # --- how many particles --------------------------------------------------------------------------

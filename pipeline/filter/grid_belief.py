@@ -83,7 +83,7 @@ class GridBelief:
                 lists = (cells.start, cells.row, cells.col, cells.weight)
                 at = (predicted.start, predicted.row, predicted.col)
                 of_way = share * sum_of_products(*lists, *at, factor, self._plane)
-            self.followed[list(way.members)] = of_way * way.shares
+            self.followed[list(way.members)] = of_way * way.shares / way.share
         self.followed /= self.followed.sum()
 
     def _everywhere(self) -> Cells:
@@ -111,12 +111,12 @@ class GridBelief:
         if not (0 <= row < self._plane.shape[0] and 0 <= col < self._plane.shape[1]):
             says = f"initial_pose {self._config.initial_pose} is not on the map"
             raise MclError(says, "give x, y in metres, yaw in radians")
-        turn = yaw - self._grid.origin[2]  # the robot's, in the map
         n = len(self._lattice.shift)
         shift = np.tile([x / size - col - 0.5, y / size - row - 0.5], (n, 1))
         self._lattice = Lattice(size, self._lattice.turn, shift, yaw)
         start = np.minimum(np.arange(n + 1), 1)
         one = Cells(start, np.array([row], np.int32), np.array([col], np.int32), np.ones(1))
+        turn = yaw + self._grid.origin[2]  # the robot's, in the map
         cos, sin = math.cos(turn), math.sin(turn)
         into = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
         noise = np.diag(np.maximum(self._config.initial_pose_std, 1e-6) ** 2)
