@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 NEGLIGIBLE = 25.0
 """Nats behind the best cell from which on a cell is forgotten."""
-MOST_CELLS = 50_000_000
-"""Some 3 GB."""
+MOST_CELLS = 30_000_000
+"""Cells at the start, for which some 4 GB are needed."""
 HERE = (0.5, math.radians(10.0))
 """m, rad: what lies as close to the estimate is the same place: as close as a pose must be to count as right."""
 SHOW = 1
