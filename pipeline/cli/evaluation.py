@@ -144,15 +144,19 @@ def _tell(comparison: Comparison, runs: int) -> None:
         console.result(columns(f"{runs} runs per row", comparison.table(), comparison.columns))
         recoveries, headings = comparison.recovery_table(), comparison.recovery_columns
         faults, fault_headings = comparison.fault_table(), comparison.fault_columns
+        certain, certain_headings = comparison.certainty_table(), comparison.certain_columns
     else:
         (done,) = comparison.evaluations
         console.result(columns(f"{runs} runs per log", evaluation.table(done), evaluation.COLUMNS))
         recoveries, headings = evaluation.recovery_table(done), evaluation.RECOVERY_COLUMNS
         faults, fault_headings = evaluation.fault_table(done), evaluation.FAULT_COLUMNS
+        certain, certain_headings = evaluation.certainty_table(done), evaluation.CERTAIN_COLUMNS
     if recoveries:
         console.result(columns("kidnapped", recoveries, headings))
     if faults:
         console.result(columns("faults", faults, fault_headings))
+    if any(done.config.filter == "grid" for done in comparison.evaluations):
+        console.result(columns("90 % of the belief at the true place", certain, certain_headings))
     _note_few(comparison)
 
 

@@ -5,12 +5,14 @@ from pipeline.evaluate.failures import ANY, ENOUGH
 from pipeline.evaluate.plots import plot
 from pipeline.evaluate.recovery_plot import plot_recovery
 from pipeline.evaluate.report import (
+    CERTAIN_COLUMNS,
     COLUMNS,
     COMPARE_COLUMNS,
     RECOVERY_COLUMNS,
     Evaluation,
     LogEvaluation,
     Run,
+    certainty_table,
     compare_table,
     fault_table,
     recovery_table,
@@ -21,6 +23,7 @@ from pipeline.evaluate.variants import Comparison, Variant, variants, with_failu
 
 __all__ = [
     "ANY",
+    "CERTAIN_COLUMNS",
     "COLUMNS",
     "COMPARE_COLUMNS",
     "ENOUGH",
@@ -31,6 +34,7 @@ __all__ = [
     "LogEvaluation",
     "Run",
     "Variant",
+    "certainty_table",
     "compare",
     "compare_table",
     "evaluate",

@@ -50,6 +50,8 @@ COMPARE_COLUMNS = ("log", "configuration", *COLUMNS[1:])
 """Headings of ``compare_table``."""
 RECOVERY_COLUMNS = ("log", "kidnapped at (s)", "recovered", "after (s)", "p95")
 """Headings of ``recovery_table``."""
+CERTAIN_COLUMNS = ("log", "certain", "after (s)", "p95")
+"""Headings of ``certainty_table``."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,7 @@ class LogEvaluation:
             "success_rate": self.success_rate,
             "success_interval": list(wilson_interval(self.successes, len(self.runs))),
             "time_to_localize": _plain(self.over_runs(lambda score: score.time_to_localize)),
+            "certain_at": _plain(self.over_runs(lambda score: score.certain_at)),
             "position_error": _plain(position),
             "heading_error": _plain(heading),
             "scans_right": _plain(self.over_runs(lambda score: score.scans_right)),
@@ -243,6 +246,15 @@ def recovery_table(evaluation: Evaluation) -> list[Row]:
 def fault_table(evaluation: Evaluation) -> list[Row]:
     """One row of strings per log and fault, under FAULT_COLUMNS; empty where there were none."""
     return [(log.name, *aftermath_row(*each)) for log in evaluation.logs for each in log.faults]
+
+
+def certainty_table(evaluation: Evaluation) -> list[Row]:
+    """One row of strings per log, under CERTAIN_COLUMNS: in how many runs 90 % of the belief came to the true place."""
+    return [
+        (log.name, f"{sum(run.score.certain_at is not None for run in log.runs)}/{len(log.runs)}",
+         *_figures(log.over_runs(lambda score: score.certain_at), ".1f", "median", "p95"))
+        for log in evaluation.logs
+    ]  # fmt: skip
 
 
 def _row(log: LogEvaluation) -> Row:

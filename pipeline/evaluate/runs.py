@@ -236,6 +236,7 @@ def _run(work: _Work, task: Task) -> Run:
         kidnapped_at=case.kidnapped_at,
         lost_at=[index for index, _, event in result.events if event.kind == "lost"],
         hindsight=result.hindsight,
+        weights=result.weights,
     )
     times, limits = case.log.times, LOCALIZED if rate is None else RECOVERED
     return Run(

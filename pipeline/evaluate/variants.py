@@ -13,9 +13,11 @@ from pipeline.config import Config, check_name
 from pipeline.errors import MclError
 from pipeline.evaluate.aftermath import FAULT_COLUMNS, Row
 from pipeline.evaluate.report import (
+    CERTAIN_COLUMNS,
     COLUMNS,
     RECOVERY_COLUMNS,
     Evaluation,
+    certainty_table,
     compare_table,
     fault_table,
     recovery_table,
@@ -81,6 +83,15 @@ class Comparison:
     def fault_table(self) -> list[Row]:
         """Variant by variant, one row of strings per log and fault."""
         return [(row[0], label, *row[1:]) for label, done in self.labelled for row in fault_table(done)]
+
+    @property
+    def certain_columns(self) -> Row:
+        """Headings of ``certainty_table``."""
+        return (CERTAIN_COLUMNS[0], ", ".join(self.keys), *CERTAIN_COLUMNS[1:])
+
+    def certainty_table(self) -> list[Row]:
+        """Variant by variant, one row of strings per log."""
+        return [(row[0], label, *row[1:]) for label, done in self.labelled for row in certainty_table(done)]
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, ready for JSON: what is varied, and per variant its values and its evaluation."""
