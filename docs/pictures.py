@@ -61,7 +61,7 @@ def main() -> None:
             ("office", whole, 1.6),
             ("converged", whole, (whole.converged_at or 5.0) + 1.0),
             ("end", whole, whole.duration),
-            ("carried_off", kidnapped, CARRIED_OFF[1] + 1.5),
+            ("carried_off", kidnapped, CARRIED_OFF[1] + 0.3),
             *([("found_again", kidnapped, found + 1.0)] if found else []),
         ]
         for name, run, at in moments:
