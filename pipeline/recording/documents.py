@@ -55,9 +55,11 @@ particle follows one of them, and the weights decide whose particles go on. The 
 was a second ago to where either says that it is now; beside it, how much of the belief followed the laser |
 | brown dots | where the scan would end if the wheels were right; if they are not, it misses the walls |
 
-The line of states says whom most of the belief follows: the laser, the wheels, the wheels *roughly* after seconds that are missing, or nobody, where the robot may have been carried. The curves below: how far wheels and laser are apart, where 1 is the limit that two who are both right pass once in 100
-scans; the share of the beams that fit the remembered walls, where the laser says that the robot is (blue) and where the
-wheels say (brown); and how much of the belief follows the laser (blue) and the wheels (brown).
+The line of states says whom most of the belief follows: the laser, the wheels, the wheels *roughly* after seconds that
+are missing, or nobody, where the robot may have been carried. The curves below: how far wheels and laser are apart,
+where 1 is the limit that two who are both right pass once in 100 scans; the share of the beams that fit the remembered
+walls, where the laser says that the robot is (blue) and where the wheels say (brown); and how much of the belief
+follows the laser (blue) and the wheels (brown).
 """
 _LASER_ALONE = """
 ## The laser's odometry
