@@ -13,7 +13,8 @@ LEFT_OUT = "left out on request"
 class ConversionReport:
     """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes.
 
-    ``odometry``: messages of it that were written, 0 where there is none.
+    ``odometry``: messages of it that were written, 0 where there is none. ``remarks``: what a user should know of how
+    the source was read.
     """
 
     format: str
@@ -25,3 +26,4 @@ class ConversionReport:
     output: Path
     size: int
     unit: str = "lines"
+    remarks: tuple[str, ...] = ()

@@ -1,16 +1,26 @@
-"""Raw text inputs, plain or gzipped: what they are is decided by their content, not by their names."""
+"""Raw text inputs, plain or gzipped: what they are is decided by their content, not by their names.
+
+What all text logs have in common: lines that are left out while they are few, and stamps that must not run backwards.
+"""
 
 from __future__ import annotations
 
 import gzip
 import hashlib
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.outputs import replacing
 
 GZIP_MAGIC = b"\x1f\x8b"
+MIN_STEP = 100_000  # ns between stamps that had to be repaired
+FEW = 0.01
+"""Share of a log's lines that may be left out, for they say nothing that can be used."""
 
 
 def read_bytes(path: Path) -> bytes:
@@ -38,6 +48,50 @@ def write_text(path: Path, text: str) -> None:
     data = text.encode("ascii")
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(data, mtime=0) if Path(path).suffix == ".gz" else data)
+
+
+def settle(errors: Sequence[MclError], lines: int, last: int | None) -> list[str]:
+    """Remarks on the lines that are left out, each by what is wrong with it; ``last``: a line whose end is missing.
+
+    Raises the first of the errors if they are more than a few of the ``lines``.
+    """
+    cut = [error for error in errors if error.line == last]
+    rest = [error for error in errors if error.line != last]
+    if len(rest) > FEW * lines or (errors and len(cut) == lines):
+        raise errors[0]
+    remarks = []
+    if rest:
+        named = "; ".join(f"line {error.line}: {error.message}" for error in rest[:3])
+        more = f"; and {len(rest) - 3:,} more" if len(rest) > 3 else ""
+        remarks.append(f"{len(rest):,} of {lines:,} lines left out: {named}{more}")
+    if cut:
+        remarks.append(f"the last line, {last}, is cut: left out")
+    return remarks
+
+
+def begins_anew(lines: Sequence[int]) -> str:
+    """One line that says where a log's clock begins anew."""
+    named = ", ".join(map(str, lines[:3])) + (f" and {len(lines) - 3} more" if len(lines) > 3 else "")
+    return (
+        f"the clock begins anew at line {named}: a new stretch, 1 s after the one before, and nobody saw the way there"
+    )
+
+
+def in_order(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Increasing stamps (n,) in ns for lines in the order of the file, as near to the given ones as can be.
+
+    The order of the lines is the truth where the stamps run backwards: sorted by stamp, a robot's path jumps to and
+    fro. So the stamps give way: isotonic regression (the increasing sequence with the least sum of squared changes),
+    whose ties are then spread by 0.1 ms. Stamps that increase already come back as they are.
+    """
+    if len(stamps) < 2 or (np.diff(stamps) > 0).all():
+        return stamps
+    from scipy.optimize import isotonic_regression
+
+    result = np.rint(isotonic_regression((stamps - stamps[0]).astype(np.float64)).x).astype(np.int64)
+    for i in range(1, len(result)):
+        result[i] = max(result[i], result[i - 1] + MIN_STEP)
+    return result + stamps[0]
 
 
 def sha256(path: Path) -> str:

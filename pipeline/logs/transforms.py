@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.geometry import compose
+from pipeline.geometry import Pose, compose
 from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, planar_poses
 from pipeline.logs.decode import decode_links
@@ -24,10 +24,15 @@ Links = Mapping[str, PoseColumns]
 
 
 class Transforms:
-    """The transforms of a recording; each frame hangs from one parent, the first that it is said to have."""
+    """The transforms of a recording; each frame hangs from one parent, the first that it is said to have.
 
-    def __init__(self, recorded: Recorded) -> None:
+    ``topics``: those to read, where some of them are of another robot; ``remarks``: what of them was not used.
+    """
+
+    def __init__(self, recorded: Recorded, topics: Collection[str] | None = None) -> None:
         self._recorded = recorded
+        self._topics = recorded.topics.keys() if topics is None else topics
+        self.remarks: list[str] = []
 
     def __bool__(self) -> bool:
         return bool(self.static or self.moving)
@@ -126,10 +131,13 @@ class Transforms:
             for topic in self._recorded.topics.values()
             if topic.type == schema.TF_TYPE and topic.encoding == schema.MESSAGE_ENCODING
             if topic.name.endswith("tf_static") == static and topic.name not in schema.VIEW_TRANSFORMS
+            if topic.name in self._topics
         ]
         links: dict[str, PoseColumns] = {}
         for messages in self._recorded.messages(names).values() if names else ():
-            links = decode_links(messages) | links
+            found, remarks = decode_links(messages, static=static)
+            links = found | links
+            self.remarks += remarks
         return links
 
 
@@ -139,7 +147,16 @@ def moved(odometry: PoseColumns, base: str, base_in_child: Matrix) -> PoseColumn
     return replace(
         planar_poses(odometry.stamps, odometry.sequences, poses, odometry.frame, base),
         positions=np.column_stack([poses[:, :2], odometry.positions[:, 2] + base_in_child[2, 3]]),
+        stretch=odometry.stretch,
+        remarks=odometry.remarks,
     )
+
+
+def in_space(pose: Pose) -> Matrix:
+    """The 4x4 matrix of a pose in the plane."""
+    x, y, yaw = pose
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def planar(matrix: Matrix) -> NDArray[np.float64]:
