@@ -138,7 +138,8 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names) -> Drive:
     }
     if odometry is None and not transforms and names.laser_pose is None:
         origin["laser_at_centre"] = "no transform says where it is"
-    remarks = [*scans.remarks, *found.remarks, *transforms.remarks]
+    about_place = transforms.remarks(laser, base) if names.laser_pose is None else []
+    remarks = [*scans.remarks, *found.remarks, *about_place]
     clock, scans, odometry, gyroscope = _in_one_time(scan_topic, found.topic, scans, odometry, gyroscope, remarks)
     return Drive(scans, odometry, laser_in_base, origin, gyroscope, clock, tuple(dict.fromkeys(remarks)))
 
@@ -171,7 +172,8 @@ def _in_one_time(
 
 
 def _unplaced(base: str, laser: str, transforms: Transforms) -> MclError:
+    remarks = "".join(f"; {said}" for said in transforms.remarks(laser, base.strip("'")))
     return MclError(
-        f"no transform from {base} to the laser {laser!r}: {transforms.describe()}",
+        f"no transform from {base} to the laser {laser!r}: {transforms.describe()}{remarks}",
         "--laser-pose X,Y,YAW says where it is; --base-frame and --laser-frame choose other frames",
     )

@@ -25,6 +25,7 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 
 Columns = TypeVar("Columns", ScanColumns, PoseColumns)
 
+_ALIKE = 1e-6  # m, and parts of a quaternion: two transforms that differ by less are one
 _NOT_MEASURED = -1.0  # the first of a covariance, by which an Imu message says that what it belongs to is empty
 _SCAN_CONSTANTS = ("angle_min", "angle_increment", "range_min", "range_max")
 
@@ -94,10 +95,10 @@ def decode_stamped_poses(messages: Messages) -> PoseColumns:
     return _poses_one_by_one([(m.header, m.pose.pose, "") for m in _deserialize(messages)], messages)
 
 
-def decode_links(messages: Messages, *, static: bool = False) -> tuple[dict[str, PoseColumns], list[str]]:
+def decode_links(messages: Messages, *, static: bool = False) -> tuple[dict[str, PoseColumns], dict[str, list[str]]]:
     """TFMessage messages: the transforms of every child frame from the first parent that it is said to have.
 
-    Of ``static`` ones the last of each: as in tf2, what is said last counts. Also remarks on what is left out.
+    Of ``static`` ones the last of each: as in tf2, what is said last counts. Also remarks, by child frame.
     """
     rows = cdr.unpack(messages.data, cdr.ONE_TRANSFORM)
     if rows is not None and (rows["transforms"] == 1).all():
@@ -127,22 +128,24 @@ def decode_links(messages: Messages, *, static: bool = False) -> tuple[dict[str,
 
 def _sound_links(
     links: Iterable[PoseColumns], messages: Messages, static: bool
-) -> tuple[dict[str, PoseColumns], list[str]]:
-    sound, remarks = {}, []
+) -> tuple[dict[str, PoseColumns], dict[str, list[str]]]:
+    sound: dict[str, PoseColumns] = {}
+    remarks: dict[str, list[str]] = {}
     for link in links:
         what = f"{messages.topic.name}, {link.frame} -> {link.child_frame}"
+        said = remarks.setdefault(link.child_frame, [])
         try:
             usable = sound_poses(link, what)
         except MclError as error:
-            remarks.append(error.message)
+            said.append(error.message)
             continue
-        remarks += usable.remarks
+        said += usable.remarks
         if not static:
             usable = _in_stretches(usable, what)
         elif len(usable) > 1:
             places = np.column_stack([usable.positions, usable.orientations])
-            if (different := int((places[:-1] != places[-1]).any(axis=1).sum())) > 0:
-                remarks.append(f"{what} is said {different + 1} times and differently: the last counts, as in tf2")
+            if np.abs(places - places[-1]).max() > _ALIKE:
+                said.append(f"{what} is said {len(places)} times and differently: the last counts, as in tf2")
             usable = usable.take(np.array([len(usable) - 1]))
         sound[link.child_frame] = replace(usable, remarks=())
     return sound, remarks

@@ -51,8 +51,8 @@ def in_one_piece(odometry: PoseColumns, what: str, breaks: Sequence[int] = ()) -
         times = "once" if len(resets) == 1 else f"{len(resets):,} times"
         since = (odometry.stamps[at] - odometry.stamps[0]) / 1e9
         remarks += (
-            f"{what} was reset {times}, first {since:.1f} s after its start: {far:.1f} m in {seconds:.2f} s is no drive, "
-            "and it goes on from where it stood",
+            f"{what} was reset {times}, first {since:.1f} s after its start: {far:.1f} m in {seconds:.2f} s is no "
+            "drive; it goes on from where it stood",
         )
     starts = np.searchsorted(kept, [0, *sorted({*resets, *breaks})]).tolist()
     rest = odometry.take(np.array(kept))

@@ -43,8 +43,8 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     counts them; its "remarks" (JSON) are what else a user should know. A file without odometry has all of its scans,
     and zeros for it. ``names``: topics and frames to read where the file leaves a choice, and what it lacks. A file
     that is cut is read as far as it goes. Where stamps begin anew, a stretch begins, and is put behind the one before.
-    Raises MclError for a file that is no MCAP, or lacks scans, odometry that ``names`` asks for, or the laser's place on
-    the robot, and says what it has instead.
+    Raises MclError for a file that is no MCAP, or lacks scans, odometry that ``names`` asks for, or the laser's place
+    on the robot, and says what it has instead.
     """
     path = Path(path)
     with McapFile(path) as file:

@@ -26,13 +26,13 @@ Links = Mapping[str, PoseColumns]
 class Transforms:
     """The transforms of a recording; each frame hangs from one parent, the first that it is said to have.
 
-    ``topics``: those to read, where some of them are of another robot; ``remarks``: what of them was not used.
+    ``topics``: those to read, where some of them are of another robot.
     """
 
     def __init__(self, recorded: Recorded, topics: Collection[str] | None = None) -> None:
         self._recorded = recorded
         self._topics = recorded.topics.keys() if topics is None else topics
-        self.remarks: list[str] = []
+        self._remarks: dict[str, list[str]] = {}
 
     def __bool__(self) -> bool:
         return bool(self.static or self.moving)
@@ -109,6 +109,12 @@ class Transforms:
             path=self._recorded.path,
         )
 
+    def remarks(self, *frames: str) -> list[str]:
+        """What a user should know of the transforms above these frames, and where the ways up from them end."""
+        links = {**self.moving, **self.static}
+        children = [child for frame in frames for child in (frame, *(link.frame for link in _upwards(links, frame)))]
+        return [said for child in dict.fromkeys(children) for said in self._remarks.get(child, [])]
+
     def describe(self) -> str:
         """Which links there are, for an error message."""
         links = {**self.moving, **self.static}.values()
@@ -137,7 +143,8 @@ class Transforms:
         for messages in self._recorded.messages(names).values() if names else ():
             found, remarks = decode_links(messages, static=static)
             links = found | links
-            self.remarks += remarks
+            for child, said in remarks.items():
+                self._remarks.setdefault(child, []).extend(said)
         return links
 
 
