@@ -66,9 +66,8 @@ def convert(
     texts = [read_bytes(source) for source in sources]
     logs = [parse_log_text(text, source) for text, source in zip(texts, sources, strict=True)]
     total = sum(map(len, logs))
-    remarks = tuple(
-        f"{source.name}: {remark}" for log, source in zip(logs, sources, strict=True) for remark in log.remarks
-    )
+    of_source = [f"{source.name}: " if len(sources) > 1 else "" for source in sources]
+    remarks = tuple(source + said for log, source in zip(logs, of_source, strict=True) for said in log.remarks)
     truth = None if ground_truth is None else read_tum(ground_truth)
     grid, map_record, attachments = _read_map(map_path)
 

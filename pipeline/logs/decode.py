@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.geometry import quaternion_to_yaw
+from pipeline.geometry import compose, quaternion_to_yaw
 from pipeline.logs import cdr, schema
 from pipeline.logs.columns import PoseColumns, ScanColumns
 from pipeline.logs.recorded import Messages
 from pipeline.logs.sound import FARTHEST, sound_limits, sound_poses, unlikely_constants
 from pipeline.logs.stretches import numbered
-from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.maps.occupancy_grid import LARGE, OccupancyGrid, check_cells, cropped, part_that_is_known
 
 Columns = TypeVar("Columns", ScanColumns, PoseColumns)
 
@@ -162,7 +162,14 @@ def decode_grid(messages: Messages) -> OccupancyGrid:
     cells = np.asarray(message.data, dtype=np.int8)
     if cells.size != info.width * info.height:
         raise MclError(f"{messages.topic.name}: {cells.size} cells where {info.width} x {info.height} are announced")
-    cells = cells.reshape(info.height, info.width)
+    cells, corner, remarks = cells.reshape(info.height, info.width), (0.0, 0.0, 0.0), []
+    if cells.size > LARGE:
+        said = np.isin(np.arange(256), np.arange(101))
+        rows, columns = part_that_is_known(cells.view(np.uint8), said)
+        remarks.append(f"{messages.topic.name}: {cropped(cells.shape, rows, columns)}")
+        corner = (columns.start * float(info.resolution), rows.start * float(info.resolution), 0.0)
+        cells = cells[rows, columns]
+    check_cells(cells.shape)
     occupancy = np.where((cells >= 0) & (cells <= 100), cells / np.float32(100.0), np.nan).astype(np.float32)
     p, q = info.origin.position, info.origin.orientation
     resolution = float(str(np.float32(info.resolution)))  # 0.1, not the 0.10000000149 that float32 makes of it
@@ -171,13 +178,17 @@ def decode_grid(messages: Messages) -> OccupancyGrid:
         raise MclError(f"{name}: its resolution is {resolution:g} m", "give another map with --map")
     if not np.abs([p.x, p.y]).max() <= FARTHEST:  # nor if it is no number
         raise MclError(f"{name}: its origin is x = {p.x:g}, y = {p.y:g}", "give another map with --map")
-    yaw, remarks = float(quaternion_to_yaw(q.x, q.y, q.z, q.w)), []
+    yaw = float(quaternion_to_yaw(q.x, q.y, q.z, q.w))
     if not np.isfinite(yaw):
         yaw = 0.0
         remarks.append(f"{name}: the yaw of its origin is no number: taken for 0")
     if len(set(messages.data)) > 1:
         remarks.append(f"{name}: {len(messages.data):,} maps were recorded, and differ: the last is used")
-    return OccupancyGrid(occupancy, resolution, (float(p.x), float(p.y), yaw), tuple(remarks))
+    origin = (float(p.x), float(p.y), yaw)
+    if any(corner):
+        x, y, _ = compose(origin, corner).tolist()
+        origin = (x, y, yaw)
+    return OccupancyGrid(occupancy, resolution, origin, tuple(remarks))
 
 
 def _poses(rows: cdr.Rows, messages: Messages) -> PoseColumns:
