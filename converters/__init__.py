@@ -11,7 +11,7 @@ from typing import Any
 from converters.beesoft import is_beesoft
 from converters.map_files import HEAD, convert_map, read_map
 from converters.report import ConversionReport
-from converters.text import read_bytes
+from converters.text import read_head
 from pipeline.errors import MclError
 from pipeline.logs.recorded import Names
 
@@ -69,7 +69,7 @@ def convert(
 
 def format_of(path: Path) -> ModuleType:
     """The module that reads a raw log. Raises MclError if there is none, for a map, and for what `convert` wrote."""
-    head = b"" if path.is_dir() else read_bytes(path)[:HEAD]
+    head = b"" if path.is_dir() else read_head(path, HEAD)
     if is_beesoft(head):
         raise MclError("this is a beesoft map, not a log", "give it with --map", path=path)
     for kind in formats():

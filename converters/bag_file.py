@@ -5,11 +5,13 @@ A folder is what lies in it, its files in the order of their numbers: metadata.y
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
@@ -27,6 +29,7 @@ ROS1_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"SQLite format 3\0"
 METADATA = "metadata.yaml"
 
 _KINDS = (".mcap", ".db3", ".bag", ".mcap.zstd", ".db3.zstd")
+_LONGEST = 1 << 40  # bytes that the header of a .db3 may promise
 _NUMBER = re.compile(r"_?(\d+)$")
 
 
@@ -36,7 +39,7 @@ def is_bag(path: Path, head: bytes) -> bool:
     A folder is one if it has a metadata.yaml, or if the recordings in it have one name but for their numbers.
     """
     if not path.is_dir():
-        return head.startswith((ROS1_MAGIC, SQLITE_MAGIC))
+        return head.startswith((ROS1_MAGIC, SQLITE_MAGIC, ZSTD_MAGIC))
     if any(path.glob("*.rrd")):
         return False
     return (path / METADATA).is_file() or len({_series(part)[0] for part in _parts(path)}) == 1
@@ -57,16 +60,18 @@ def open_recording(path: Path) -> Any:
             head = file.read(64)
     if head.startswith(ROS1_MAGIC):
         return Ros1Bag(path)
+    if head.startswith(ZSTD_MAGIC):
+        return BagFolder(path)
     return SqliteBag(path) if head.startswith(SQLITE_MAGIC) else McapFile(path)
 
 
 class BagFolder:
-    """The folder of a bag of ROS 2, its parts one after the other; a context manager."""
+    """The folder of a bag of ROS 2, its parts one after the other, or a part packed whole; a context manager."""
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         self._stack = ExitStack()
-        parts = _parts(self.path)
+        parts = _parts(self.path) if self.path.is_dir() else [self.path]
         if not parts:
             raise MclError("no recording (.mcap, .db3) lies in this folder", path=path)
         try:
@@ -87,7 +92,9 @@ class BagFolder:
     @property
     def remarks(self) -> list[str]:
         """What a user should know of how the parts were read, and of parts that are not there."""
-        return self._said + [f"{file.path.name}: {said}" for file in self._files for said in file.remarks]
+        several = len(self._files) > 1
+        said = [(f"{file.path.name}: " if several else "", text) for file in self._files for text in file.remarks]
+        return self._said + [name + text for name, text in said]
 
     @cached_property
     def topics(self) -> dict[str, Topic]:
@@ -148,15 +155,20 @@ class SqliteBag:
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
         self.remarks: list[str] = []
+        self._folder = ExitStack()
         # What a recorder that was killed left in its log beside the file counts as well, if there is one.
-        whole = "" if self.path.with_name(self.path.name + "-wal").exists() else "&immutable=1"
+        logged = self.path.with_name(self.path.name + "-wal").exists()
+        file, self._cut = (self.path, False) if logged else self._padded()
         with self._damage():
-            self._database = sqlite3.connect(f"file:{quote(str(self.path))}?mode=ro{whole}", uri=True)
+            self._database = sqlite3.connect(
+                f"file:{quote(str(file))}?mode=ro{'' if logged else '&immutable=1'}", uri=True
+            )
             try:
                 topics = "SELECT id, name, type, serialization_format FROM topics ORDER BY id"
                 self._topics = {key: texts for key, *texts in self._database.execute(topics)}
             except BaseException:
                 self._database.close()
+                self._folder.close()
                 raise
 
     def __enter__(self) -> SqliteBag:
@@ -166,13 +178,15 @@ class SqliteBag:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._database.close()
+        self._folder.close()
 
     @cached_property
     def topics(self) -> dict[str, Topic]:
         """What there is, by name."""
         counts = dict.fromkeys(self._topics, 0)
-        for key, count in self._rows("SELECT topic_id, count(*) FROM messages GROUP BY topic_id ORDER BY topic_id"):
-            counts[key] = count
+        with self._damage():
+            for key, count in self._database.execute(f"SELECT topic_id, count(*) {self._whole} GROUP BY topic_id"):
+                counts[key] = count
         found: dict[str, Topic] = {}
         for key, (name, kind, encoding) in self._topics.items():
             before = found[name].count if name in found else 0
@@ -183,27 +197,45 @@ class SqliteBag:
         """All messages of the topics named; their sequences count them."""
         wanted = [key for key, (name, _, _) in self._topics.items() if name in names]
         marks = ", ".join("?" * len(wanted))
-        rows = self._rows(
-            f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id", wanted
-        )
+        question = f"SELECT topic_id, timestamp, data {self._whole} AND topic_id IN ({marks}) ORDER BY id"
         found: dict[str, tuple[list[int], list[bytes]]] = {}
         with self._damage():
-            for key, time, data in rows:
+            for key, time, data in self._database.execute(question, wanted):
                 times, contents = found.setdefault(self._topics[key][0], ([], []))
                 times.append(time)
-                contents.append(unpacked(bytes(data)))
-        if not self.remarks:
-            check_complete(self.path, self.topics, names, found)
+                contents.append(unpacked(data))
+        check_complete(self.path, self.topics, names, found)
         return counted(self.topics, found)
 
-    def _rows(self, question: str, values: Iterable[Any] = ()) -> Iterator[Any]:
-        """The answers, as many as the file gives: it may be cut."""
-        try:
-            yield from self._database.execute(question, list(values))
-        except sqlite3.DatabaseError as error:
-            said = f"this bag is cut or damaged: {error}; read as far as it goes"
-            if said not in self.remarks:
-                self.remarks.append(said)
+    def _padded(self) -> tuple[Path, bool]:
+        """The file, or a copy that is as long as it says it is: of a shorter one SQLite reads nothing; and if it is."""
+        with self.path.open("rb") as file:
+            head = file.read(32)
+            size = file.seek(0, 2)
+        page = int.from_bytes(head[16:18], "big")
+        length = (1 << 16 if page == 1 else page) * int.from_bytes(head[28:32], "big")
+        if not size < length <= _LONGEST:
+            return self.path, False
+        copy = Path(self._folder.enter_context(tempfile.TemporaryDirectory(prefix="mcl-"))) / self.path.name
+        shutil.copyfile(self.path, copy)
+        os.truncate(copy, length)
+        lost = length - size
+        self.remarks.append(
+            f"this bag is cut or damaged: of its {length:,} bytes the last {lost:,} ({100 * lost / length:.1f} %) are "
+            "not there; read as far as it goes"
+        )
+        return copy, True
+
+    @cached_property
+    def _whole(self) -> str:
+        """From where rows are to be taken: up to the last one that can be read, if the file is cut."""
+        if not self._cut:
+            return "FROM messages WHERE true"
+        last = -1
+        with suppress(sqlite3.DatabaseError):
+            for number, data in self._database.execute("SELECT id, data FROM messages ORDER BY id"):
+                last = number if isinstance(data, bytes) else last
+        return f"FROM messages WHERE id <= {last}"
 
     @contextmanager
     def _damage(self) -> Iterator[None]:

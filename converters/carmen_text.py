@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.text import begins_anew, in_order, read_bytes, settle
+from converters.text import BZIP2_MAGIC, begins_anew, in_order, read_log_bytes, settle
 from pipeline.errors import MclError
 from pipeline.logs.columns import planar_poses
 from pipeline.logs.odometry import odometry_at
@@ -27,7 +27,6 @@ from pipeline.logs.sound import FARTHEST, unlikely_constants
 from pipeline.logs.stamps import format_stamp, parse_stamp
 from pipeline.logs.stretches import GAP, numbered
 
-BZIP2_MAGIC = b"BZh"
 MAX_STAMP = (2**31 - 1) * 1_000_000_000  # seconds are a signed 32-bit number in ROS 2
 _PLACED = ("ROBOTLASER1", "FLASER", "RLASER", "ROBOTLASER2")
 _RAW = ("RAWLASER1", "RAWLASER2", "RAWLASER3", "RAWLASER4", "LASER3", "LASER4", "LASER5")
@@ -119,7 +118,7 @@ def is_carmen_text(path: Path, head: bytes) -> bool:
     if head.startswith(BZIP2_MAGIC):
         try:
             with bz2.open(path) as file:
-                head = file.read(1 << 16)
+                head = file.read1(1 << 16)
         except (OSError, EOFError):
             return False
     return _LINE.search(head) is not None
@@ -131,17 +130,12 @@ def read_carmen(path: Path) -> CarmenLog:
     Lines of a known type with a wrong count of numbers, what is no number that a robot measures, and a last line that
     is cut are left out while they are few; else MclError names the first, as it does a file without scans.
     """
-    data = read_bytes(path)
-    if data.startswith(BZIP2_MAGIC):
-        try:
-            data = bz2.decompress(data)
-        except (OSError, ValueError, EOFError) as error:
-            raise MclError("this bzip2 file is cut or damaged", path=path) from error
-    return parse_carmen(data, path)
+    data, remarks = read_log_bytes(path)
+    return parse_carmen(data, path, remarks)
 
 
-def parse_carmen(data: bytes, path: Path) -> CarmenLog:
-    """The same from bytes that are already unpacked; ``path`` names them in errors."""
+def parse_carmen(data: bytes, path: Path, known: Sequence[str] = ()) -> CarmenLog:
+    """The same from bytes that are already unpacked; ``path`` names them in errors, ``known`` are remarks on them."""
     counts: Counter[str] = Counter()
     params: dict[str, str] = {}
     truth: list[_Row] = []
@@ -166,11 +160,11 @@ def parse_carmen(data: bytes, path: Path) -> CarmenLog:
                 (truth if kind == "TRUEPOS" else odometry).append(row)
         except ValueError as error:
             errors.append(MclError(f"{kind}: {error}", path=path, line=number))
-    remarks = settle(errors, sum(counts.values()), number if not data.endswith(b"\n") else None)
+    remarks = [*known, *settle(errors, sum(counts.values()), number if not data.endswith(b"\n") else None)]
     kind = next((k for k in LASERS if scans[k]), "")
     if not kind:
         found = ", ".join(f"{count} {name}" for name, count in counts.most_common(5)) or "nothing"
-        raise MclError(f"no laser scans ({', '.join(LASERS)}) in this log, but {found}", path=path)
+        raise MclError(f"no laser scans ({', '.join(LASERS)}) in this log, but {found}", "; ".join(remarks), path=path)
     if others := [f"{len(scans[k]):,} {k}" for k in LASERS if k != kind and scans[k]]:
         remarks.append(f"{kind} is taken, and not {', '.join(others)}")
     rows = scans[kind]

@@ -23,7 +23,7 @@ from converters.cmu_text import BEAMS, MAX_RANGE_CM, MAX_STAMP, CmuLog, format_l
 from converters.map_files import HEAD, map_bytes, read_map
 from converters.report import LEFT_OUT, ConversionReport
 from converters.segments import Segment, from_metadata, move_back, to_metadata
-from converters.text import read_bytes, sha256, write_text
+from converters.text import read_log_bytes, sha256, write_text
 from pipeline import __version__
 from pipeline.errors import MclError
 from pipeline.geometry import Pose, wrap_angle
@@ -63,8 +63,9 @@ def convert(
     without_odometry: bool = False,
 ) -> ConversionReport:
     """Writes ``output`` from one log, or from several one after the other; see ``converters.convert``."""
-    texts = [read_bytes(source) for source in sources]
-    logs = [parse_log_text(text, source) for text, source in zip(texts, sources, strict=True)]
+    read = [read_log_bytes(source) for source in sources]
+    texts = [text for text, _ in read]
+    logs = [parse_log_text(text, source, said) for (text, said), source in zip(read, sources, strict=True)]
     total = sum(map(len, logs))
     of_source = [f"{source.name}: " if len(sources) > 1 else "" for source in sources]
     remarks = tuple(source + said for log, source in zip(logs, of_source, strict=True) for said in log.remarks)
@@ -141,6 +142,8 @@ def export_raw(mcap: Path, log_out: Path, map_out: Path | None = None) -> list[P
     """
     with McapFile(mcap) as file:
         metadata = file.metadata()
+        if file.remarks:
+            raise MclError(file.remarks[0], path=mcap)
         if metadata.get(schema.SOURCE, {}).get("format") != FORMAT:
             raise MclError(f"not made from a {DESCRIPTION}: there is no raw log to give back", path=mcap)
         if schema.ODOMETRY not in file.topics:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.text import begins_anew, in_order, read_bytes, settle, write_text
+from converters.text import begins_anew, in_order, read_log_bytes, settle, write_text
 from pipeline.errors import MclError
 from pipeline.logs.sound import FARTHEST
 from pipeline.logs.stamps import format_stamp, parse_stamp
@@ -84,11 +85,12 @@ def read_log_text(path: Path) -> CmuLog:
     that a robot measures, and a last line that is cut are left out while they are few; else MclError names the first.
     Where stamps run backwards a little they give way to the order of the lines; by more the clock begins anew.
     """
-    return parse_log_text(read_bytes(path), path)
+    data, remarks = read_log_bytes(path)
+    return parse_log_text(data, path, remarks)
 
 
-def parse_log_text(data: bytes, path: Path) -> CmuLog:
-    """The same from bytes that are already unpacked; ``path`` names them in errors."""
+def parse_log_text(data: bytes, path: Path, remarks: Sequence[str] = ()) -> CmuLog:
+    """The same from bytes that are already unpacked; ``path`` names them in errors, ``remarks`` are what is known."""
     lines: list[int] = []
     is_scan: list[bool] = []
     stamps: list[int] = []
@@ -116,9 +118,9 @@ def parse_log_text(data: bytes, path: Path) -> CmuLog:
         errors.append(MclError("the last line is cut in the middle of its stamp", path=path, line=number))
         for column in (lines, is_scan, stamps, odometry, scans):
             column.pop()
-    remarks = settle(errors, len(lines) + len(errors), unfinished)
+    said = [*remarks, *settle(errors, len(lines) + len(errors), unfinished)]
     if not any(is_scan):
-        raise MclError("no laser scans (L lines) in this log", path=path)
+        raise MclError("no laser scans (L lines) in this log", "; ".join(said), path=path)
     laser = np.array([values for values, scan in zip(scans, is_scan, strict=True) if scan], dtype=np.float64)
     log = CmuLog(
         np.array(lines, dtype=np.int64),
@@ -128,7 +130,7 @@ def parse_log_text(data: bytes, path: Path) -> CmuLog:
         laser[:, :3],
         laser[:, 3:],
     )
-    return _in_time(log, remarks)
+    return _in_time(log, said)
 
 
 def _in_time(log: CmuLog, remarks: list[str]) -> CmuLog:

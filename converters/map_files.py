@@ -13,7 +13,7 @@ from converters.bag_file import is_bag, open_recording
 from converters.beesoft import is_beesoft, parse_beesoft
 from converters.carmen_text import is_carmen_text
 from converters.cmu_text import is_log_text
-from converters.text import read_bytes
+from converters.text import read_bytes, read_head
 from pipeline.errors import MclError
 from pipeline.logs import schema
 from pipeline.logs.choice import find
@@ -67,7 +67,7 @@ def convert_map(source: Path, output: Path, mode: str = "trinary") -> tuple[Occu
 
 
 def _find_map(source: Path) -> OccupancyGrid:
-    head = b"" if source.is_dir() else read_bytes(source)[:HEAD]
+    head = b"" if source.is_dir() else read_head(source, HEAD)
     if head.startswith(MAGIC):
         with McapFile(source) as recorded:
             grid, topics = own_map(recorded), recorded.topics

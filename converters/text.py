@@ -5,10 +5,13 @@ What all text logs have in common: lines that are left out while they are few, a
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import hashlib
+import io
 import zlib
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +20,8 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 from pipeline.outputs import replacing
 
-GZIP_MAGIC = b"\x1f\x8b"
+GZIP_MAGIC, BZIP2_MAGIC = b"\x1f\x8b", b"BZh"
+_BLOCK = 1 << 16
 MIN_STEP = 100_000  # ns between stamps that had to be repaired
 FEW = 0.01
 """Share of a log's lines that may be left out, for they say nothing that can be used."""
@@ -41,6 +45,49 @@ def read_bytes(path: Path) -> bytes:
     if not data.strip():
         raise MclError("this file is empty", path=path)
     return data
+
+
+def read_head(path: Path, size: int) -> bytes:
+    """The first bytes of a file, unpacked if it is gzip; MclError as for ``read_bytes``."""
+    try:
+        with Path(path).open("rb") as file:
+            head = file.read(size)
+            if head.startswith(GZIP_MAGIC):
+                file.seek(0)
+                with gzip.open(file) as packed:
+                    head = packed.read1(size)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise MclError("this gzip file is cut or damaged", path=path) from error
+    except FileNotFoundError as error:
+        raise MclError("no such file", path=path) from error
+    except OSError as error:
+        raise MclError(f"cannot be read: {error.strerror}", path=path) from error
+    if not head.strip():
+        raise MclError("this file is empty", path=path)
+    return head
+
+
+def read_log_bytes(path: Path) -> tuple[bytes, list[str]]:
+    """The content of a log, unpacked if it is gzip or bzip2, and remarks: of a packed file that is cut what is there.
+
+    Raises MclError as ``read_bytes``, and where nothing can be unpacked.
+    """
+    packed = b""
+    with suppress(OSError):  # which read_bytes tells better
+        packed = Path(path).read_bytes()
+    for magic, kind, open_packed in ((GZIP_MAGIC, "gzip", gzip.open), (BZIP2_MAGIC, "bzip2", bz2.open)):
+        if packed.startswith(magic):
+            data, remarks = b"", []
+            with open_packed(io.BytesIO(packed)) as file:
+                try:
+                    while block := file.read1(_BLOCK):
+                        data += block
+                except (EOFError, OSError, zlib.error, ValueError):
+                    remarks.append(f"this {kind} file is cut or damaged: read as far as it goes")
+            if not data.strip():
+                raise MclError(f"this {kind} file is cut or damaged" if remarks else "this file is empty", path=path)
+            return data, remarks
+    return read_bytes(path), []
 
 
 def write_text(path: Path, text: str) -> None:

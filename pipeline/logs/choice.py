@@ -24,7 +24,7 @@ def candidates(recorded: Recorded, *kinds: str, beside: str | None = None) -> li
     usable = [t for t in usable if t.name != schema.LASER_ODOMETRY]  # ours, made from the scans: no second witness
     usable = [t for t in usable if _NOT_MEANT.get(t.type, "\n") not in t.name.lower()]
     if beside is not None:
-        mine = set(of_robot(recorded, beside, [t.name for t in usable]))
+        mine = of_robot(recorded, beside, [t.name for t in usable])
         usable = [t for t in usable if t.name in mine]
 
     def rank(t: Topic) -> tuple[int, bool, int, int, str]:
@@ -39,16 +39,16 @@ def find(recorded: Recorded, kind: str, beside: str | None = None) -> str | None
     return next(iter(candidates(recorded, kind, beside=beside)), None)
 
 
-def of_robot(recorded: Recorded, scan_topic: str, topics: Collection[str]) -> list[str]:
-    """Those of the topics that are not nearer, by their namespace, to the scans of another robot.
+def of_robot(recorded: Recorded, scan_topic: str, topics: Collection[str]) -> dict[str, int]:
+    """Those of the topics that are not nearer, by their namespace, to the scans of another robot; how near each is.
 
     If some are of the robot's own namespace, they and those of no namespace.
     """
     others = [t.name for t in recorded.topics.values() if t.type in SCAN_TYPES and readable(t) and t.name != scan_topic]
     near = {name: _common(name, scan_topic) for name in topics}
-    own = [name for name in topics if all(_common(name, other) <= near[name] for other in others)]
-    if any(near[name] for name in own):
-        return [name for name in own if near[name] or not _namespace(name)]
+    own = {name: near[name] for name in topics if all(_common(name, other) <= near[name] for other in others)}
+    if any(own.values()):
+        return {name: how for name, how in own.items() if how or not _namespace(name)}
     return own
 
 

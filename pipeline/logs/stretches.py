@@ -62,9 +62,10 @@ def numbered(stamps: Stamps) -> Stamps | None:
 
 
 def _ahead(time: int, highest: list[int]) -> int:
-    """How many of the last messages had stamps of the future, if not the one of ``time`` is of the past."""
+    """How many of the last messages, after a leap, are of the future, if not the one of ``time`` is of the past."""
     for count in range(1, min(STRAY, len(highest) - 1) + 1):
-        if time >= highest[-1 - count] - RESTART:
+        before = highest[-1 - count]
+        if time >= before - RESTART and highest[-count] > before + RESTART:
             return count
     return 0
 

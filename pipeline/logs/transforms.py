@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
@@ -26,12 +26,12 @@ Links = Mapping[str, PoseColumns]
 class Transforms:
     """The transforms of a recording; each frame hangs from one parent, the first that it is said to have.
 
-    ``topics``: those to read, where some of them are of another robot.
+    ``topics``: those to read, where some are of another robot; what the ones with the highest number say counts first.
     """
 
-    def __init__(self, recorded: Recorded, topics: Collection[str] | None = None) -> None:
+    def __init__(self, recorded: Recorded, topics: Mapping[str, int] | None = None) -> None:
         self._recorded = recorded
-        self._topics = recorded.topics.keys() if topics is None else topics
+        self._topics = dict.fromkeys(recorded.topics, 0) if topics is None else topics
         self._remarks: dict[str, list[str]] = {}
 
     def __bool__(self) -> bool:
@@ -140,8 +140,9 @@ class Transforms:
             if topic.name in self._topics
         ]
         links: dict[str, PoseColumns] = {}
-        for messages in self._recorded.messages(names).values() if names else ():
-            found, remarks = decode_links(messages, static=static)
+        read = self._recorded.messages(names) if names else {}
+        for name in sorted(read, key=lambda name: -self._topics[name]):
+            found, remarks = decode_links(read[name], static=static)
             links = found | links
             for child, said in remarks.items():
                 self._remarks.setdefault(child, []).extend(said)

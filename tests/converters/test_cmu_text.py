@@ -105,10 +105,20 @@ def test_a_log_without_scans(tmp_path: Path) -> None:
         read_log_text(tmp_path / "a.log")
 
 
+def test_a_packed_log_is_read_as_far_as_it_goes(tmp_path: Path) -> None:
+    whole = gzip.compress(write_lines(tmp_path / "a.log", small_log(200)).read_bytes())
+    (tmp_path / "cut.log.gz").write_bytes(whole[: len(whole) // 2])
+    log = read_log_text(tmp_path / "cut.log.gz")
+    assert 0 < len(log) < 200
+    np.testing.assert_array_equal(log.poses, small_log(200).poses[: len(log)])
+    assert log.remarks[0] == "this gzip file is cut or damaged: read as far as it goes"
+    assert "is cut: left out" in log.remarks[1]
+
+
 def test_files_that_are_no_text(tmp_path: Path) -> None:
     whole = gzip.compress(write_lines(tmp_path / "a.log", small_log(200)).read_bytes())
     contents = {
-        "cut.log.gz": whole[: len(whole) // 2],
+        "cut.log.gz": whole[:20],
         "false.log.gz": b"O 1 2 3 4\n",
         "empty.log": b"",
         "blank.log": b"\n\n",
