@@ -33,7 +33,7 @@ from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.odometry import continue_odometry, move
 from pipeline.logs.recorded import Names, Recorded, describe
-from pipeline.logs.stretches import as_record
+from pipeline.logs.stretches import as_record, begins_after, stretches_of
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import write_log
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -95,6 +95,8 @@ def convert(
         record["odometry"], odometry = LEFT_OUT, None
     if ground_truth is not None:
         record["ground_truth_from"] = ground_truth.name if ground_truth.exists() else str(ground_truth)
+    if len(drive.clock.begins) > 1:
+        kidnapped = sorted({*kidnapped, *begins_after(scans.stamps, stretches_of(scans.stamps, drive.clock.begins))})
     if kidnapped:
         record["kidnapped_at"] = json.dumps(kidnapped)
     if remarks:

@@ -75,7 +75,7 @@ class BagFolder:
         if not parts:
             raise MclError("no recording (.mcap, .db3) lies in this folder", path=path)
         try:
-            self._files = [self._stack.enter_context(open_recording(self._unpacked(part))) for part in parts]
+            self._files = [self._opened(part) for part in parts]
         except BaseException:
             self._stack.close()
             raise
@@ -115,6 +115,14 @@ class BagFolder:
             data = [content for messages in some for content in messages.data]
             found[name] = Messages(self.topics[name], times, np.arange(len(data)), data)
         return found
+
+    def _opened(self, part: Path) -> Any:
+        unpacked = self._unpacked(part)
+        try:
+            return self._stack.enter_context(open_recording(unpacked))
+        except MclError as error:
+            packed = "" if unpacked == part else "this file is packed with zstd, and what is in it is none: "
+            raise MclError(packed + error.message, error.hint, path=part) from error
 
     def _unpacked(self, part: Path) -> Path:
         """The part itself, or where its content lies while this is open, if it was packed whole."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -107,6 +108,13 @@ class Log:
     def mcap(self) -> Path:
         """The .mcap with the log's messages."""
         return self.path if self.converted is None else self.converted
+
+    def check_copied(self) -> None:
+        """Raises MclError if the stamps are not those of the messages in the file, so that it cannot be copied."""
+        if self.converted is None and self.metadata.get("reader", {}).get("restamped"):
+            raise MclError(
+                "its messages have other stamps", "mcl convert makes a log of it that has these", path=self.path
+            )
 
     @property
     def times(self) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.logs.odometry import odometry_at
 from pipeline.logs.recorded import Messages, Names
-from pipeline.logs.stretches import Clock, from_record, stretches_of
+from pipeline.logs.stretches import Clock, begins_after, from_record, stretches_of
 from pipeline.logs.writer import unpack_grid
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -77,6 +77,8 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     if drive.gyroscope is not None and turns is None:
         told["imu_unused"] = "it says nothing at the scans' stamps"
     remarks = [*drive.remarks, *(own.remarks if own is not None else ())]
+    if len(drive.clock.begins) > 1 or (names is not None and names.stamps == "log"):
+        told["restamped"] = "yes"
     if remarks:
         told["remarks"] = json.dumps(remarks)
     metadata[schema.READER] = {**drive.origin, "scans_outside_odometry": str(int((~inside).sum())), **told}
@@ -84,6 +86,8 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     if schema.STRETCHES in metadata:
         begins = from_record(metadata[schema.STRETCHES])
     stretches = stretches_of(stamps[inside], begins) if len(begins) > 1 else None
+    if stretches is not None and schema.STRETCHES not in metadata:
+        metadata[schema.READER]["kidnapped_at"] = json.dumps(begins_after(stamps[inside], stretches))
     with path.open("rb") as content:
         digest = hashlib.file_digest(content, "sha256").hexdigest()
     return Log(

@@ -45,6 +45,7 @@ class ResultFile:
         self.path = Path(path)
         if self.path.exists():
             raise MclError("this file exists already", "results are never overwritten", path=path)
+        log.check_copied()
         self._log, self._about = log, {"version": __version__, **(about or {})}
         self._odom, self._base, _ = log.metadata[schema.READER]["frames"].split(" -> ")
         self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")

@@ -17,6 +17,7 @@ _NAMES = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _NORM, _NEARLY = (0.1, 10.0), 1e-3
 """Lengths of a quaternion that somebody may have meant, and how far from 1 it may be to be taken as it is."""
 
+_LONGEST = 1000.0  # m: no laser's shortest range is as long as that
 _TURNS = 10
 """So often the beams of a scan may go round: more is no field of view."""
 
@@ -33,6 +34,7 @@ def sound_poses(poses: PoseColumns, what: str) -> PoseColumns:
         lengths = np.linalg.norm(poses.orientations, axis=1)
         wrong = ~np.isfinite(values)
         wrong[:, :3] |= np.abs(poses.positions) > FARTHEST
+        wrong[:, 3:] |= np.abs(poses.orientations) > _NORM[1]
         unlikely = ~((lengths >= _NORM[0]) & (lengths <= _NORM[1]))
     never_filled = bool((lengths[~wrong.any(axis=1)] == 0.0).all())
     if not never_filled:
@@ -72,7 +74,7 @@ def unlikely_constants(constants: Sequence[float], beams: int) -> str:
 def sound_limits(scans: ScanColumns, what: str) -> ScanColumns:
     """The scans with a shortest range that can be one, else 0; ``collect.mark_no_return`` looks at the longest."""
     low, high = scans.range_min, scans.range_max
-    if np.isfinite(low) and (low < high or not high > 0.0):
+    if abs(low) < _LONGEST and (low < high or not high > 0.0):
         return scans
     said = f"{what}: its range_min is {low:g} and its range_max {high:g}: range_min is taken for 0"
     return replace(scans, range_min=0.0, remarks=(*scans.remarks, said))
@@ -92,7 +94,7 @@ def _first(values: NDArray[np.float64], wrong: NDArray[np.bool_]) -> str:
 
 def _number(values: NDArray[np.float64], wrong: NDArray[np.bool_]) -> str:
     column = int(np.flatnonzero(wrong)[0])
-    if column >= 3 and np.isfinite(values[3:]).all():
+    if column >= 3 and np.abs(values[3:]).max() <= _NORM[1]:
         return "a quaternion of length " + f"{np.linalg.norm(values[3:]):g}"
     return f"{_NAMES[column]} = {values[column]:g}"
 

@@ -117,6 +117,11 @@ def from_record(record: Mapping[str, str]) -> Stamps:
     return np.array(sorted(int(stamp) for stamp in record.values()), np.int64)
 
 
+def begins_after(stamps: Stamps, stretches: Stamps) -> list[float]:
+    """Seconds from the first of the scans' ``stamps`` (n,) to the first of every later stretch (n,)."""
+    return ((stamps[np.flatnonzero(np.diff(stretches)) + 1] - stamps[0]) / 1e9).tolist()
+
+
 def alongside(scans: ScanColumns, other: Columns) -> Columns:
     """Of a topic with several stretches that which the scans overlap, where these have one only; else all of it."""
     if scans.stretch is not None or other.stretch is None:

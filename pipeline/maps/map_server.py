@@ -180,7 +180,7 @@ def _read_image(path: Path, reading: _Reading, remarks: list[str]) -> tuple[NDAr
             grey = image.mode == "L" and not image.has_transparency_data
             _check_size(image.size, _BYTES_GREY if grey else _BYTES_COLOUR, path)
             if grey:
-                return _read_grey(np.asarray(image), reading, remarks if remarked else [])
+                return _read_grey(np.asarray(image), reading, remarks, remarked, path)
             if image.mode.startswith("I"):  # 16 bits of grey
                 colours, alpha = np.repeat(np.asarray(image, dtype=np.float64)[..., None], 3, axis=2), None
             else:
@@ -206,20 +206,21 @@ def _read_image(path: Path, reading: _Reading, remarks: list[str]) -> tuple[NDAr
 
 
 def _read_grey(
-    levels: NDArray[np.uint8], reading: _Reading, remarks: list[str]
+    levels: NDArray[np.uint8], reading: _Reading, remarks: list[str], remarked: bool, path: Path
 ) -> tuple[NDArray[np.float32], int, int]:
     """As ``_read_image``, for 8 bits of grey: what each level means is worked out once."""
     of_level, shade = reading(np.repeat(np.arange(256.0)[None, :, None] * _FROM_8_BITS, 3, axis=2))
     counts = np.zeros(256, np.int64)
     for row in range(0, len(levels), _ROWS):
         counts += np.bincount(levels[row : row + _ROWS].reshape(-1), minlength=256)
-    remarks += _unknown_read_as_free(shade[0], of_level[0], counts, reading.free)
+    if remarked:
+        remarks += _unknown_read_as_free(shade[0], of_level[0], counts, reading.free)
     rows, columns = slice(0, levels.shape[0]), slice(0, levels.shape[1])
     if levels.size > LARGE:
         rows, columns = part_that_is_known(levels, ~np.isnan(of_level[0]))
         remarks.append(cropped(levels.shape, rows, columns))
     part = levels[rows, columns]
-    check_cells(part.shape)
+    check_cells(part.shape, path)
     return of_level[0][part], levels.shape[0] - rows.stop, columns.start
 
 

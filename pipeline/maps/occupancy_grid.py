@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -99,12 +100,13 @@ def cropped(shape: tuple[int, ...], rows: slice, columns: slice) -> str:
     return f"of its {shape[1]:,} x {shape[0]:,} cells the {width:,} x {height:,} are kept that say anything"
 
 
-def check_cells(shape: tuple[int, ...]) -> None:
-    """Raises MclError if a map of this shape is too large."""
+def check_cells(shape: tuple[int, ...], path: Path | None = None) -> None:
+    """Raises MclError if a map of this shape is too large; ``path`` names it."""
     height, width = shape
     if height * width > MOST_CELLS:
         need = height * width * BYTES_EACH / 1e9
         raise MclError(
             f"a map of {width:,} x {height:,} cells would need about {need:.0f} GB of memory",
             "use larger cells, or a part of it",
+            path=path,
         )
