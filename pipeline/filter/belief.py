@@ -34,15 +34,16 @@ class Belief:
         self.hypotheses: tuple[Estimate, ...] = ()
         self.followed: NDArray[np.float64] = np.empty(0)
 
-    def resample(self, scan: int) -> bool:
+    def resample(self, scan: int, most: bool = False) -> bool:
         """Survivors replace the particles, if the weights have become uneven; returns whether they did.
 
-        Done before the next scan, so that a step shows the weights that chose the survivors.
+        Done before the next scan, so that a step shows the weights that chose the survivors. ``most``: in any case, and
+        as many as there may be, since the robot may have gone far.
         """
-        if not self._resample_due:
+        if not (self._resample_due or most):
             return False
-        p = self.particles
-        n = next_count(p.n, p.weights, self._clusters.bin_weights, self._config)
+        p, config = self.particles, self._config
+        n = config.max_particles if most else next_count(p.n, p.weights, self._clusters.bin_weights, config)
         key = stream_key(self._seed, scan, RESAMPLE)
         p.survive(draw_ancestors(p.weights, n, self._config.resampler, key))
         self._resample_due = False

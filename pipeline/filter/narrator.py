@@ -8,6 +8,7 @@ import math
 from pipeline.filter.contradiction import Contradiction
 from pipeline.filter.recovery import Verdict
 from pipeline.filter.step import Event, Step
+from pipeline.motion.words import in_words
 
 CONVERGED_SPREAD = 0.5
 """Metres: the belief has converged when its particles lie so close together ..."""
@@ -31,6 +32,7 @@ class Narrator:
     def tell(self, step: Step, verdict: Verdict | None) -> Step:
         """The step, with its events. ``verdict``: of the recovery, if any."""
         events = [
+            *_unseen(step),
             *self._search(step),
             *self._start(step),
             *self._health(step, verdict),
@@ -51,6 +53,8 @@ class Narrator:
             return []
         # What calls for a search is the share of the last scans, not that of this one.
         why = f"few beams have fitted of late, {100 * step.explained:.0f} % do now"
+        if step.motion.unseen is not None:
+            why = "nobody saw how the robot came here"
         return [Event("searched", f"Searched the building at {step.time:.1f} s: {why}.")]
 
     def _belief(self, step: Step) -> list[Event]:
@@ -93,3 +97,24 @@ class Narrator:
         self._pace = pace
         often = f"at {100 * share:.0f} % of the last {RESAMPLE_WINDOW} updates"
         return [Event("resampled", f"Resamples {pace} at {step.time:.1f} s: {often}.")]
+
+
+def _unseen(step: Step) -> list[Event]:
+    """What is missing in the log before this scan, or wrong, so that nobody saw the robot's way."""
+    gap, leapt, at = step.motion.gap, step.motion.leapt, f"{step.time:.1f} s"
+    events = []
+    if leapt is not None:
+        step_told = f"leapt at {at}: {in_words(leapt, 1)}, which no robot does"
+        text = f"The odometry {step_told}. It was restarted, or is wrong there; it counts on from where the robot was."
+        events.append(Event("leapt", text, "WARN"))
+    if gap is None:
+        return events
+    said = "the wheels say nothing" if gap.told is None else f"the wheels say {in_words(gap.told, 1)}"
+    if gap.kind == "missing":
+        so = "so the robot drove on" if gap.driven else "so the robot may have been carried anywhere"
+        if gap.bridged:
+            so = "and the laser sees again what it saw before"
+        text = f"{gap.seconds:.0f} s are missing before {at}; {said}, {so}."
+    else:
+        text = f"The laser sees other walls at {at} than just before; {said}, so the robot may have been carried."
+    return [*events, Event("gap", text, "WARN")]

@@ -83,7 +83,7 @@ class ParticleFilter:
         return self._narrator.tell(step, verdict)
 
     def _moved(self, motion: Motion) -> bool:
-        if self._motion is None:
+        if self._motion is None or motion.unseen is not None or motion.leapt is not None:
             return True
         far, turned = self._config.update_min_d, self._config.update_min_a
         if motion.laser is None or motion.odometry is None or self._motion.odometry is None:
@@ -106,7 +106,7 @@ class ParticleFilter:
 
     def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Verdict | None]:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""
-        resampled = self._belief.resample(scan.index)
+        resampled = self._belief.resample(scan.index, motion.unseen is not None)
         # Where the laser is heard, it says itself that the wheels slip.
         slipping = motion.laser is None and self._recovery.slipping
         unseen = prior.unseen

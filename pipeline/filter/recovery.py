@@ -37,6 +37,10 @@ MARGIN = 10.5
 """Nats: a rival takes the belief's place when its lead over the belief and its lead over every other rival add up
 to this. Where the map is wrong many rivals are ahead of a right belief, by up to 7, but none
 stands out."""
+OPEN = 4.0
+"""The same of a place that may well be right: after a gap, or since the belief came where it is by the same contest."""
+BEATEN = 0.5 * MARGIN
+"""Nats behind the belief at which such a place has lost, and is no likelier than any other."""
 HOPELESS = 12.0
 """Nats behind the best contender at which a rival is given up."""
 SETTLED = 0.9
@@ -78,20 +82,21 @@ class Recovery:
         """Whether so little is explained that the wheels may have slipped."""
         return self._explained is not None and self._explained < UNEXPLAINED
 
-    def odds(self, against: float = 0.5 * MARGIN) -> NDArray[np.float64]:
+    def odds(self, against: float | None = None) -> NDArray[np.float64]:
         """(1 + rivals,) probabilities of the belief and of each rival, if one of them is right.
 
         A robot is seldom carried off: the odds of that are ``against`` nats. By default a lone rival is as likely as
         the belief when it is about to take its place.
         """
-        leads = self._evidence.leads() - against * (np.arange(1 + len(self.rivals)) > 0)
+        leads = self._evidence.leads().copy()
+        leads[1:] -= 0.5 * self.rivals.margin if against is None else against
         likely: NDArray[np.float64] = np.exp(leads - leads.max())
         return likely / likely.sum()
 
     def start(self, poses: NDArray[np.float32], scan: Scan) -> None:
         """Follow also the places that the search for the start found: ``poses`` (3, n) in the grid frame."""
         if self._config.recovery == "search":
-            self._add(poses, np.empty((0, 3)), scan)
+            self._add(poses, np.empty((0, 3)), scan, MARGIN)
 
     def observe(self, step: Step) -> None:
         """Take in what an update gave."""
@@ -109,9 +114,13 @@ class Recovery:
         if self._config.recovery != "search":
             return None
         self.rivals.follow(prior, reading, scan.index)
-        if self._doubtful(scan):
+        carried = motion.unseen is not None and not motion.unseen.driven
+        if carried:
+            self.rivals.margin[:] = OPEN
+        if motion.unseen is not None or self._doubtful(scan):
             key = stream_key(self._seed, scan.index, STREAM)
-            self._add(self._sensor.search(reading, DRAWS, key, coarse=True).poses, self._place(belief)[None], scan)
+            found = self._sensor.search(reading, DRAWS, key, coarse=True).poses
+            self._add(found, self._place(belief)[None], scan, OPEN if carried else MARGIN)
         if not len(self.rivals):
             return None
         self._hear(belief, reading, motion)
@@ -122,10 +131,10 @@ class Recovery:
     def _doubtful(self, scan: Scan) -> bool:
         return self._explained is not None and self._explained < DOUBTFUL and scan.time - self._searched >= RESPITE
 
-    def _add(self, draws: NDArray[np.float32], taken: NDArray[np.float64], scan: Scan) -> None:
+    def _add(self, draws: NDArray[np.float32], taken: NDArray[np.float64], scan: Scan, margin: float) -> None:
         """Half of the places are for newcomers; the best of those that were followed keep the rest."""
         self._keep(1 + np.argsort(-self._evidence.leads()[1:], kind="stable")[: MOST_RIVALS // 2])
-        self._evidence.admit(self.rivals.find(draws, taken, MOST_RIVALS - len(self.rivals), scan.time))
+        self._evidence.admit(self.rivals.find(draws, taken, MOST_RIVALS - len(self.rivals), scan.time, margin))
         self._searched = scan.time
 
     def _place(self, belief: Belief) -> NDArray[np.float64]:
@@ -140,17 +149,20 @@ class Recovery:
         self._evidence.enter(statement, self._sensor.ends(at, reading), at[:2], weight)
 
     def _decide(self, belief: Belief, scan: Scan) -> Verdict | None:
-        leads = self._evidence.leads()
+        leads, rivals = self._evidence.leads(), self.rivals
+        rivals.margin[leads[1:] < -BEATEN] = MARGIN
         second, best = np.argsort(leads, kind="stable")[-2:]
-        if best == 0 or 2.0 * leads[best] - leads[second] < MARGIN:
+        winner = best - 1
+        if best == 0 or 2.0 * leads[best] - leads[second] < rivals.margin[winner]:
             return None
-        rivals, winner = self.rivals, best - 1
         away = np.hypot(*(rivals.poses[winner] - self._place(belief))[:2])
         since, explained = scan.time - float(rivals.began[winner]), self._explained or 0.0
         place = rivals.particles[:, winner].copy(), rivals.weights[winner].copy()
         others = np.delete(np.arange(len(rivals)), winner)
         rivals.keep(others)
-        rivals.adopt(belief.particles.poses, belief.particles.weights, scan.time, scan.index)
+        # The new belief has yet to win against these: it was none when they met.
+        rivals.margin[:] = OPEN
+        rivals.adopt(belief.particles.poses, belief.particles.weights, scan.time, scan.index, OPEN)
         self._evidence.keep(np.array([best, *(others + 1), 0]))
         belief.move(*place, stream_key(self._seed, scan.index, STREAM + 1))
         self._explained = None

@@ -26,6 +26,7 @@ class Rivals:
     """Small filters (Table 8.2), side by side, one for each place.
 
     ``poses`` (m, 3) float64 where they are, in the grid frame; ``began`` (m,) seconds, since when they are followed;
+    ``margin`` (m,) nats, by which they must stand out to take the belief's place;
     ``particles`` (3, m, EACH) float32 and ``weights`` (m, EACH) float64, each row summing to one. ``stream`` is the
     first of three purposes of random numbers.
     """
@@ -37,12 +38,15 @@ class Rivals:
         self.weights = np.empty((0, EACH))
         self.poses = np.empty((0, 3))
         self.began = np.empty(0)
+        self.margin = np.empty(0)
         self._ess = np.empty(0)
 
     def __len__(self) -> int:
         return len(self.poses)
 
-    def find(self, draws: NDArray[np.float32], taken: NDArray[np.float64], most: int, time: float) -> int:
+    def find(
+        self, draws: NDArray[np.float32], taken: NDArray[np.float64], most: int, time: float, margin: float
+    ) -> int:
         """Follow up to ``most`` places where ``draws`` (3, n) from a search lie densest, apart from the poses ``taken``
         (k, 3) and from those already followed; returns how many there were."""
         bins = np.floor(draws / np.array([[APART_D], [APART_D], [APART_A]], np.float32)).astype(np.int64)
@@ -59,19 +63,22 @@ class Rivals:
                 known = np.vstack([known, pose])
                 found.append(there[:, np.arange(EACH) * there.shape[1] // EACH])
         if found:
-            self._join(np.stack(found, axis=1), time)
+            self._join(np.stack(found, axis=1), time, margin)
         return len(found)
 
-    def adopt(self, poses: NDArray[np.float32], weights: NDArray[np.float64], time: float, scan: int) -> None:
+    def adopt(
+        self, poses: NDArray[np.float32], weights: NDArray[np.float64], time: float, scan: int, margin: float
+    ) -> None:
         """Follow also the place of these poses (3, n), with weights (n,) that sum to one; it comes last."""
         key = stream_key(self._seed, scan, self._stream)
-        self._join(poses[:, None, draw_ancestors(weights, EACH, "low_variance", key)], time)
+        self._join(poses[:, None, draw_ancestors(weights, EACH, "low_variance", key)], time, margin)
 
     def keep(self, rows: NDArray[np.int64]) -> None:
         """Only these are followed any longer, in this order."""
         self.particles = np.ascontiguousarray(self.particles[:, rows])
         self.weights = self.weights[rows]
         self.poses, self.began, self._ess = self.poses[rows], self.began[rows], self._ess[rows]
+        self.margin = self.margin[rows]
 
     def follow(self, prior: Prior, reading: Reading, scan: int) -> None:
         """Every rival takes one turn: resample, predict, weigh."""
@@ -96,11 +103,12 @@ class Rivals:
         delta[2] = wrap_angle(delta[2])
         return np.asarray((self.weights[row] * delta) @ delta.T, np.float64)
 
-    def _join(self, particles: NDArray[np.float32], time: float) -> None:
+    def _join(self, particles: NDArray[np.float32], time: float, margin: float) -> None:
         new = particles.shape[1]
         self.particles = np.ascontiguousarray(np.concatenate([self.particles, particles], axis=1))
         self.weights = np.vstack([self.weights, np.full((new, EACH), 1.0 / EACH)])
         self.began = np.append(self.began, np.full(new, time))
+        self.margin = np.append(self.margin, np.full(new, margin))
         self._ess = np.append(self._ess, np.full(new, float(EACH)))
         self.poses = np.empty((len(self.weights), 3))
         places.mean_poses(*self.particles, self.weights, self.poses)

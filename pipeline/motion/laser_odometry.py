@@ -142,6 +142,12 @@ class LaserOdometry:
         self._walls.remember(self._seen[:, :n], pose)
         return Match(pose, best.covariance, best.fit, as_told, best.open, wide, self._stretch)
 
+    def begin_anew(self, ranges: NDArray[np.float32]) -> None:
+        """Forget the walls, but for what this scan (beams,) sees from where it was matched."""
+        n, _ = self._points(ranges)
+        self._walls.forget()
+        self._walls.remember(self._seen[:, :n], self._pose)
+
     def _possible(self, pose: Array, seconds: float) -> bool:
         """Whether a robot gets there in that time."""
         step = between(self._pose, pose)

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.geometry import between, compose
+from pipeline.geometry import between, compose, inverse
 from pipeline.logs.messages import Laser, Scan
 from pipeline.motion.deskew import Deskewer
+from pipeline.motion.gaps import Gap, Gaps, leapt
 from pipeline.motion.laser_odometry import LaserOdometry, Match
 
 Array = NDArray[np.float64]
@@ -25,7 +26,8 @@ class Motion:
     wheels are heard; ``turn``: heading by a gyroscope, rad, None without one; ``pose``: dead reckoning by both, which
     starts where the odometry does; ``time``: seconds since the first scan. ``ranges`` (beams,) float32 m: the scan as
     it is seen from where the robot was at its stamp; ``blind``: seconds since the laser last told the robot's speed in
-    all directions.
+    all directions; ``gap``: that nobody saw the way from the scan before; ``leapt``: (3,) the step of an odometry that
+    no robot makes, which is left out of ``odometry``.
     """
 
     time: float
@@ -35,6 +37,13 @@ class Motion:
     pose: Array
     ranges: NDArray[np.float32]
     blind: float = 0.0
+    gap: Gap | None = None
+    leapt: Array | None = None
+
+    @property
+    def unseen(self) -> Gap | None:
+        """The gap before this scan, if the laser does not know either where the robot is now."""
+        return None if self.gap is None or self.gap.bridged else self.gap
 
     @property
     def laser_pose(self) -> Array:
@@ -52,20 +61,25 @@ class Witnesses:
         )
         self._deskewer = Deskewer(laser)
         self._last: Motion | None = None
+        self._gaps = Gaps()
+        self._restarted: Array | None = None
+        """Where the odometry's own frame is since it has leapt, in that of before."""
         self._step, self._seconds, self._blind = np.zeros(3), 0.0, math.inf
 
     def update(self, scan: Scan) -> Motion:
         """What is known once this scan is in."""
-        last, odometry = self._last, scan.odometry if self._wheels else None
+        last = self._last
         if self._laser is None:
-            self._last = Motion(scan.time, odometry, None, scan.turn, scan.odometry, scan.ranges)
+            self._last = Motion(scan.time, scan.odometry, None, scan.turn, scan.odometry, scan.ranges)
             return self._last
         seconds = scan.time - last.time if last is not None else 0.0
-        guesses = self._guesses(last, odometry, scan.turn, seconds)
+        odometry, leap = self._by_wheels(scan, seconds) if self._wheels else (None, None)
+        told = None if leap is not None else odometry
+        guesses = self._guesses(last, told, scan.turn, seconds)
         ranges = self._at_the_stamp(scan, guesses[0])
-        match = self._laser.update(ranges, guesses, seconds, self._wheels)
+        match = self._laser.update(ranges, guesses, seconds, told is not None)
         if last is None:
-            pose = np.array(scan.odometry, np.float64)
+            pose, gap = np.array(scan.odometry, np.float64), None
         else:
             assert last.laser is not None
             # Where no match holds, the laser's odometry has gone on as the first guess said.
@@ -73,13 +87,29 @@ class Witnesses:
             pose = compose(last.pose, self._step)
             known = match.open is None and match.stretch == last.laser.stretch
             self._blind = 0.0 if known else self._blind + seconds
-        self._last = Motion(scan.time, odometry, match, scan.turn, pose, ranges, self._blind)
+            gap = self._gaps.update(seconds, _step(last, told), last.laser, match)
+            if gap is not None and not gap.bridged and match.stretch == last.laser.stretch:
+                self._laser.begin_anew(ranges)
+        self._last = Motion(scan.time, odometry, match, scan.turn, pose, ranges, self._blind, gap, leap)
         return self._last
 
     @property
     def walls(self) -> NDArray[np.float32]:
         """(4, n) float32: the walls that laser odometry remembers, in its frame: points (m) and normals; maybe none."""
         return np.empty((4, 0), np.float32) if self._laser is None else self._laser.walls
+
+    def _by_wheels(self, scan: Scan, seconds: float) -> tuple[Array, Array | None]:
+        """The odometry of a scan, in one frame for the whole log; and the step that it has leapt, if it has."""
+        odometry = scan.odometry if self._restarted is None else compose(self._restarted, scan.odometry)
+        last = self._last
+        if last is None or last.odometry is None:
+            return odometry, None
+        step = between(last.odometry, odometry)
+        if not leapt(step, seconds):
+            return odometry, None
+        # Its pose says nothing any more; its next steps may. Go on from where it stood.
+        self._restarted = compose(last.odometry, inverse(scan.odometry))
+        return last.odometry, step
 
     def _at_the_stamp(self, scan: Scan, guess: Array) -> NDArray[np.float32]:
         """The scan as it is seen from where the robot was at its stamp, where the wheels tell how it went on.
@@ -105,3 +135,8 @@ class Witnesses:
         if turn is not None and last.turn is not None and math.isfinite(turn - last.turn):
             guesses.insert(1, np.array([*guesses[0][:2], turn - last.turn]))
         return guesses
+
+
+def _step(last: Motion, odometry: Array | None) -> Array | None:
+    """The wheels' step since the scan before, None where they say nothing."""
+    return None if last.odometry is None or odometry is None else between(last.odometry, odometry)

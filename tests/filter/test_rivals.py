@@ -42,13 +42,13 @@ def by_wheels(*scans: Scan) -> Prior:
 def test_the_densest_places_first_and_none_twice(sensor: Sensor) -> None:
     a, b, c = (3.5, 3.5, 0.25), (9.5, 3.5, 0.25), (3.5, 3.5, 2.8)
     rivals = Rivals(sensor, 0, 1)
-    assert rivals.find(crowd(a, b, c), NOBODY, 2, time=4.0) == 2
+    assert rivals.find(crowd(a, b, c), NOBODY, 2, time=4.0, margin=10.0) == 2
     np.testing.assert_allclose(rivals.poses, [a, b], atol=0.01)
     np.testing.assert_array_equal(rivals.began, [4.0, 4.0])
-    assert rivals.find(crowd(a, b, c), NOBODY, 9, time=5.0) == 1, "two of the three are followed already"
+    assert rivals.find(crowd(a, b, c), NOBODY, 9, time=5.0, margin=10.0) == 1, "two of the three are followed already"
     np.testing.assert_allclose(rivals.poses[2], c, atol=0.01)
-    assert rivals.find(crowd(a, b), np.array([(20.0, 3.5, 0.25)]), 9, time=6.0) == 0
-    assert rivals.find(crowd((20.0, 3.5, 0.25)), np.array([(20.3, 3.5, 0.25)]), 9, time=6.0) == 0, "taken"
+    assert rivals.find(crowd(a, b), np.array([(20.0, 3.5, 0.25)]), 9, time=6.0, margin=10.0) == 0
+    assert rivals.find(crowd((20.0, 3.5, 0.25)), np.array([(20.3, 3.5, 0.25)]), 9, time=6.0, margin=10.0) == 0, "taken"
 
 
 def test_rivals_drive_with_the_robot_and_find_their_place(office: Log, sensor: Sensor) -> None:
@@ -57,7 +57,7 @@ def test_rivals_drive_with_the_robot_and_find_their_place(office: Log, sensor: S
     start = truth[0] + np.array([0.25, -0.2, 0.05])
     rivals = Rivals(sensor, 0, 1)
     spread = np.random.default_rng(1).normal(0.0, [[0.2], [0.2], [0.05]], (3, 4000))
-    rivals.find((start[:, None] + spread).astype(np.float32), NOBODY, 1, 0.0)
+    rivals.find((start[:, None] + spread).astype(np.float32), NOBODY, 1, 0.0, 10.0)
     for before, scan in itertools.pairwise(scans):
         prior = by_wheels(before, scan)
         rivals.follow(prior, sensor.read(scan.ranges), scan.index)
@@ -69,8 +69,8 @@ def test_a_rival_does_not_depend_on_the_others_that_come_after_it(office: Log, s
     """And leaving one out leaves the rest where they were, also in memory."""
     scans, place = list(office.scans())[:10], office.grid.to_grid(office.ground_truth.poses[0])
     few, many = (Rivals(sensor, 7, 1) for _ in range(2))
-    few.find(crowd(tuple(place)), NOBODY, 1, 0.0)
-    many.find(crowd(tuple(place), (1.0, 1.0, 0.0)), NOBODY, 2, 0.0)
+    few.find(crowd(tuple(place)), NOBODY, 1, 0.0, 10.0)
+    many.find(crowd(tuple(place), (1.0, 1.0, 0.0)), NOBODY, 2, 0.0, 10.0)
     for before, scan in itertools.pairwise(scans):
         prior = by_wheels(before, scan)
         for rivals in (few, many):
@@ -86,8 +86,9 @@ def test_a_belief_that_lost_its_place_is_followed_on(sensor: Sensor) -> None:
     rivals = Rivals(sensor, 0, 1)
     poses = crowd((2.0, 2.0, math.pi - 0.01), n=1000)
     poses[2] = (poses[2] + np.float32(math.pi)) % np.float32(2 * math.pi) - np.float32(math.pi)
-    rivals.adopt(poses, np.full(1000, 1e-3), time=9.0, scan=3)
+    rivals.adopt(poses, np.full(1000, 1e-3), time=9.0, scan=3, margin=4.0)
     assert rivals.particles.shape == (3, 1, EACH)
+    np.testing.assert_array_equal(rivals.margin, [4.0])
     assert same_place(rivals.poses[0], np.array([2.0, 2.0, math.pi]))
     assert np.sqrt(np.diag(rivals.covariance(0))) == pytest.approx([0.02] * 3, rel=0.2)
 

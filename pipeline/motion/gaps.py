@@ -1,0 +1,70 @@
+"""Gaps: moments at which nobody saw how the robot moved, so that it may have been driven, or carried, anywhere."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.motion.laser_odometry import FASTEST, GOOD, SPINNING, Match
+
+Array = NDArray[np.float64]
+
+LONG, TIMES = 2.5, 5.0
+"""s, and multiples of the usual time between two scans: a scan that comes later than both has a gap before it. Loggers
+pause for up to 1.4 s (Intel), and some recordings have a scan every five seconds."""
+LEAP, LEAP_TURN = 0.5, 0.5
+"""m, rad: by how much more than the fastest robot's drive an odometry may be off its last pose, until it has leapt."""
+MOVED, TURNED = 0.3, 0.3
+"""m, rad: wheels that say less stood still."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Why nobody saw the way from the scan before: ``seconds`` since then; ``told`` (3,) m, m, rad, the step that the
+    wheels say, None if they say nothing.
+
+    ``kind``: "missing", there was no scan for a while; "unmatched", the laser sees walls that it has never seen, from
+    one scan to the next. ``bridged``: this scan shows walls that were seen before, so that the laser knows where it is.
+    """
+
+    kind: Literal["missing", "unmatched"]
+    seconds: float
+    told: Array | None
+    bridged: bool = False
+
+    @property
+    def driven(self) -> bool:
+        """Whether the wheels say that the robot drove on unseen. Those of a robot that is carried stand still."""
+        told = self.told
+        return self.kind == "missing" and told is not None and (math.hypot(*told[:2]) > MOVED or abs(told[2]) > TURNED)
+
+
+class Gaps:
+    """Finds the gaps in a log as it is read; an answer depends on nothing that comes later."""
+
+    def __init__(self) -> None:
+        self._usual: float | None = None
+
+    def update(self, seconds: float, told: Array | None, before: Match, now: Match) -> Gap | None:
+        """The gap between two scans, so many ``seconds`` apart, if there is one. ``told``: the wheels' step."""
+        usual = self._usual
+        missing = usual is not None and seconds > max(LONG, TIMES * usual)
+        if not missing:
+            # A tenth of each new interval: loggers change their pace.
+            self._usual = seconds if usual is None else usual + 0.1 * (seconds - usual)
+        parted = now.stretch != before.stretch
+        if missing:
+            # In a window as wide as it is after so long a time something always fits by chance.
+            return Gap("missing", seconds, told, bridged=not parted and not now.wide and now.fit >= GOOD)
+        if (parted or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
+            return Gap("unmatched", seconds, told)
+        return None
+
+
+def leapt(told: Array, seconds: float) -> bool:
+    """Whether no robot makes this step (3,) m, m, rad in that time: the odometry has been restarted, or is wrong."""
+    return math.hypot(told[0], told[1]) > FASTEST * seconds + LEAP or abs(told[2]) > SPINNING * seconds + LEAP_TURN

@@ -1,0 +1,99 @@
+"""Moments at which nobody saw how the robot moved."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from pipeline.config import Config
+from pipeline.geometry import between, compose
+from pipeline.logs.messages import Log
+from pipeline.motion.gaps import LEAP, Gaps, leapt
+from pipeline.motion.laser_odometry import FASTEST, SPINNING, Match
+from pipeline.motion.prior import motion_prior
+from pipeline.motion.witnesses import Motion, Witnesses
+
+DROVE, STOOD = np.array([3.0, 0.2, 0.1]), np.array([0.05, 0.0, 0.01])
+
+
+def match(fit: float = 0.95, stretch: int = 0, wide: bool = False) -> Match:
+    return Match(np.zeros(3), np.eye(3), fit, fit, None, wide, stretch)
+
+
+def after(interval: float, seconds: float, told: np.ndarray | None, now: Match):
+    """What is found after thirty scans that are ``interval`` apart, and one so many seconds later."""
+    gaps = Gaps()
+    for _ in range(30):
+        assert gaps.update(interval, STOOD, match(), match()) is None
+    return gaps.update(seconds, told, match(), now)
+
+
+@pytest.mark.parametrize(("interval", "seconds"), [(0.1, 1.5), (0.2, 2.4), (5.0, 20.0)])
+def test_a_logger_that_pauses_makes_no_gap(interval: float, seconds: float) -> None:
+    assert after(interval, seconds, DROVE, match(fit=0.6)) is None
+
+
+def test_a_robot_that_sees_what_it_saw_before_has_not_been_away() -> None:
+    gap = after(0.2, 30.0, STOOD, match(fit=0.95))
+    assert gap is not None
+    assert gap.bridged
+
+
+@pytest.mark.parametrize(("told", "driven"), [(DROVE, True), (STOOD, False), (None, False)])
+def test_whether_the_robot_drove_on_is_what_the_wheels_say(told: np.ndarray | None, driven: bool) -> None:
+    gap = after(0.2, 18.0, told, match(fit=0.6))
+    assert gap is not None
+    assert (gap.kind, gap.seconds, gap.driven, gap.bridged) == ("missing", 18.0, driven, False)
+
+
+@pytest.mark.parametrize("now", [match(stretch=1), match(fit=0.7, wide=True)])
+def test_other_walls_from_one_scan_to_the_next(now: Match) -> None:
+    gap = after(0.2, 0.2, DROVE * 0.05, now)
+    assert gap is not None
+    assert gap.kind == "unmatched"
+    assert not gap.driven
+
+
+def test_without_wheels_a_laser_that_parts_is_no_news() -> None:
+    """There it often does, and the prior allows for it."""
+    assert after(0.2, 0.2, None, match(stretch=1)) is None
+
+
+def test_no_robot_leaps() -> None:
+    assert not leapt(np.array([FASTEST * 0.2 + 0.9 * LEAP, 0.0, 0.0]), 0.2)
+    assert leapt(np.array([0.0, -FASTEST * 0.2 - 1.1 * LEAP, 0.0]), 0.2)
+    assert not leapt(np.array([0.0, 0.0, SPINNING * 0.2]), 0.2)
+    assert leapt(np.array([0.0, 0.0, -3.0]), 0.2)
+
+
+def heard(log: Log) -> list[Motion]:
+    witnesses = Witnesses(log.laser, Config())
+    return [witnesses.update(scan) for scan in log.scans()]
+
+
+def test_the_embedded_drive_has_none(office: Log) -> None:
+    motions = heard(office)
+    assert [motion for motion in motions if motion.gap is not None or motion.leapt is not None] == []
+
+
+@pytest.mark.parametrize("restarted_at", [(0.0, 0.0, 0.0), (80.0, -9.0, 2.0)])
+def test_a_restarted_counter_goes_on_from_where_it_stood(office: Log, restarted_at: tuple[float, ...]) -> None:
+    at, odometry = 200, office.odometry.copy()
+    odometry[at:] = compose(restarted_at, between(odometry[at], odometry[at:]))
+    step = between(odometry[at - 1], odometry[at])
+    assert leapt(step, float(office.times[at] - office.times[at - 1])), "the test needs a leap"
+    before, now = heard(office), heard(dataclasses.replace(office, odometry=odometry))
+    assert [k for k, motion in enumerate(now) if motion.leapt is not None] == [at]
+    np.testing.assert_allclose(now[at].leapt, step, atol=1e-9)
+    # Its steps count again from the next scan on, and where the laser has the robot is the same within millimetres.
+    np.testing.assert_allclose(
+        between(now[at].odometry, now[-1].odometry), between(before[at].odometry, before[-1].odometry), atol=1e-9
+    )
+    apart = between(before[-1].pose, now[-1].pose)
+    assert math.hypot(apart[0], apart[1]) < 0.1
+    assert abs(apart[2]) < 0.02
+    names = [component.name for component in motion_prior(now[at - 1], now[at], Config()).components]
+    assert "wheels" not in names
