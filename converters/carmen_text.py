@@ -72,7 +72,7 @@ class CarmenLog:
     without ``wheels``; ``ranges`` (m, beams) metres as written, NaN where a scan of another count has no beam.
     ``truth_stamps`` (k,), ``truth_poses`` (k, 3): the robot in a simulator's world. ``params``: the PARAM lines.
     ``counts``: lines by type. ``repaired``: scans whose stamp had to change because time ran backwards. ``restarts``:
-    rows before which the clock began anew; their stamps follow, 1 s later, shifted by ``shifts`` (stretches,) ns.
+    rows before which the clock began anew; their stamps follow, 10 s later, shifted by ``shifts`` (stretches,) ns.
     ``remarks``: what was left out or changed.
     """
 

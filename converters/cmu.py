@@ -33,7 +33,7 @@ from pipeline.logs.decode import decode_odometry, decode_poses, decode_scans
 from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.odometry import continue_odometry, move
 from pipeline.logs.recorded import Names
-from pipeline.logs.stretches import as_record
+from pipeline.logs.stretches import GAP, as_record
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import unpack_grid, write_log
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -187,7 +187,8 @@ def _arrange(
     parts = [(k, part) for k, log in enumerate(logs) for part in log.stretches()]
     shifts, offsets = [0], [0]
     for (k, before), (number, log) in pairwise(parts):
-        shifts.append(int(before.stamps[-1]) + shifts[-1] + JOIN_GAP - int(log.stamps[0]))
+        gap = GAP if number == k else JOIN_GAP
+        shifts.append(int(before.stamps[-1]) + shifts[-1] + gap - int(log.stamps[0]))
         offsets.append(offsets[-1] if number == k else int(before.lines[-1]) + offsets[-1])
     part_of = np.repeat(np.arange(len(parts)), [len(log) for _, log in parts])
     joined = CmuLog(

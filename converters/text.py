@@ -120,7 +120,7 @@ def begins_anew(lines: Sequence[int]) -> str:
     """One line that says where a log's clock begins anew."""
     named = ", ".join(map(str, lines[:3])) + (f" and {len(lines) - 3} more" if len(lines) > 3 else "")
     return (
-        f"the clock begins anew at line {named}: a new stretch, 1 s after the one before, and nobody saw the way there"
+        f"the clock begins anew at line {named}: a new stretch, 10 s after the one before, and nobody saw the way there"
     )
 
 

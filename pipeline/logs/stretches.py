@@ -1,6 +1,6 @@
 """Where stamps begin anew: a simulation was reset, a recording played in a loop, a file put behind another one.
 
-What follows is a new stretch. It is put behind the one before, in the order of the file, a second later; the intervals
+What follows is a new stretch. It is put behind the one before, in the order of the file, ten seconds later; intervals
 within it stay what they were. Messages that come a little late are no new stretch, and are sorted in.
 """
 
@@ -21,8 +21,8 @@ STRAY = 3
 """So many messages in a row may have a stamp of their own kind without the clock having been set."""
 FAR = 60_000_000_000
 """ns: a stray stamp that far away says nothing of when the message was sent."""
-GAP = 1_000_000_000
-"""ns between the last message of a stretch and the first of the next one."""
+GAP = 10_000_000_000
+"""ns between the last message of a stretch and the first of the next one: long enough to be seen as a gap."""
 
 Stamps = NDArray[np.int64]
 Columns = TypeVar("Columns", ScanColumns, PoseColumns, GyroscopeColumns)
@@ -142,6 +142,6 @@ def told(topic: str, stamps: Stamps, stretch: Stamps, clock: Clock) -> str:
     listed = ", ".join(places[:3]) + (f" and {len(places) - 3} times more" if len(places) > 3 else "")
     last = "it" if len(places) == 1 else "each"
     return (
-        f"the stamps of {topic} run back {listed}: {last} begins a new stretch, 1 s after the one before, and nobody "
+        f"the stamps of {topic} run back {listed}: {last} begins a new stretch, 10 s after the one before, and nobody "
         "knows how the robot got there"
     )
