@@ -32,7 +32,7 @@ from pipeline.logs.decode import decode_grid
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.odometry import continue_odometry, move
-from pipeline.logs.recorded import Names, Recorded, describe
+from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe
 from pipeline.logs.stretches import as_record, begins_after, stretches_of
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import write_log
@@ -70,7 +70,8 @@ def convert(
     if len(sources) != 1:
         raise MclError("bags cannot be joined", "convert them one by one")
     source = sources[0]
-    with open_recording(source) as recorded:
+    with open_recording(source) as opened:
+        recorded: Recorded = ByLogTime(opened) if names is not None and names.stamps == "log" else opened
         drive = collect(recorded, names)
         truth = None
         if ground_truth is not None:

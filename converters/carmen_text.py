@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.text import BZIP2_MAGIC, begins_anew, in_order, read_log_bytes, settle
+from converters.text import BZIP2_MAGIC, begins_anew, in_order, measured, read_log_bytes, settle
 from pipeline.errors import MclError
 from pipeline.logs.columns import planar_poses
 from pipeline.logs.odometry import odometry_at
@@ -217,10 +217,10 @@ def _on_common_beams(rows: list[_Row], remarks: list[str]) -> tuple[Beams, NDArr
     shapes = [row.beams for row in rows]
     beams, common = Counter(shapes).most_common(1)[0]
     assert beams is not None
-    if common < len(rows):
-        remarks.append(
-            f"{len(rows) - common:,} of {len(rows):,} scans have other beams than the rest: brought onto these"
-        )
+    if common == len(rows):
+        return beams, np.array([row.ranges for row in rows], dtype=np.float64)
+    others = f"{len(rows) - common:,} of {len(rows):,} scans have other beams than the rest"
+    remarks.append(f"{others}: they are brought onto the same angles")
     ranges = np.full((len(rows), beams.count), np.nan)
     angles = beams.angle_min + beams.angle_increment * np.arange(beams.count)
     for out, row in zip(ranges, rows, strict=True):
@@ -312,10 +312,10 @@ def _finite(tokens: list[bytes]) -> list[float]:
         values = list(map(float, tokens))
     except ValueError:
         values = [math.nan]
-    if not math.isfinite(sum(values)):
-        bad = next((t for t in tokens if not _is_finite(t)), b"")
-        raise ValueError(f"{bad[:40].decode('ascii', errors='replace')!r} is not a finite number")
-    if values and max(map(abs, values)) > FARTHEST:
+    if not measured(values, FARTHEST):
+        bad = next((t for t in tokens if not _is_finite(t)), None)
+        if bad is not None:
+            raise ValueError(f"{bad[:40].decode('ascii', errors='replace')!r} is not a finite number")
         raise ValueError(f"{max(values, key=abs):g} is no number that a robot measures")
     return values
 

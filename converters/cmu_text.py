@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.text import begins_anew, in_order, read_log_bytes, settle, write_text
+from converters.text import begins_anew, in_order, measured, read_log_bytes, settle, write_text
 from pipeline.errors import MclError
 from pipeline.logs.sound import FARTHEST
 from pipeline.logs.stamps import format_stamp, parse_stamp
@@ -198,10 +198,10 @@ def _numbers(tokens: list[bytes], path: Path, line: int) -> tuple[list[float], i
     except ValueError:
         bad = next((t for t in tokens[1:] if not _is_number(t)), tokens[-1])
         raise MclError(f"{_show(bad)} is not a number", path=path, line=line) from None
-    if not math.isfinite(sum(values)):
-        raise MclError("NaN or an infinite number", path=path, line=line)
-    if max(map(abs, values)) > FARTHEST_CM or abs(values[2]) > MAX_TURN:
-        raise MclError("a number that no robot measures", path=path, line=line)
+    if not measured(values, FARTHEST_CM) or abs(values[2]) > MAX_TURN:
+        finite = math.isfinite(sum(map(abs, values)))
+        said = "a number that no robot measures" if finite else "NaN or an infinite number"
+        raise MclError(said, path=path, line=line)
     if not 0 <= stamp <= MAX_STAMP:
         raise MclError(f"the stamp {_show(tokens[-1])} is out of bounds", path=path, line=line)
     return values, stamp

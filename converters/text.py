@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,19 +76,26 @@ def read_log_bytes(path: Path) -> tuple[bytes, list[str]]:
     packed = b""
     with suppress(OSError):  # which read_bytes tells better
         packed = Path(path).read_bytes()
-    for magic, kind, open_packed in ((GZIP_MAGIC, "gzip", gzip.open), (BZIP2_MAGIC, "bzip2", bz2.open)):
+    for magic, kind, decompressor in ((GZIP_MAGIC, "gzip", gzip), (BZIP2_MAGIC, "bzip2", bz2)):
         if packed.startswith(magic):
-            data, remarks = b"", []
-            with open_packed(io.BytesIO(packed)) as file:
-                try:
-                    while block := file.read1(_BLOCK):
-                        data += block
-                except (EOFError, OSError, zlib.error, ValueError):
-                    remarks.append(f"this {kind} file is cut or damaged: read as far as it goes")
+            remarks = []
+            try:
+                data = decompressor.decompress(packed)
+            except (EOFError, OSError, zlib.error, ValueError):
+                data = _as_far_as_it_goes(decompressor.open(io.BytesIO(packed)))
+                remarks.append(f"this {kind} file is cut or damaged: read as far as it goes")
             if not data.strip():
                 raise MclError(f"this {kind} file is cut or damaged" if remarks else "this file is empty", path=path)
             return data, remarks
     return read_bytes(path), []
+
+
+def _as_far_as_it_goes(file: IO[bytes]) -> bytes:
+    blocks = []
+    with file, suppress(EOFError, OSError, zlib.error, ValueError):
+        while block := file.read1(_BLOCK):  # type: ignore[attr-defined]
+            blocks.append(block)
+    return b"".join(blocks)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -95,6 +103,16 @@ def write_text(path: Path, text: str) -> None:
     data = text.encode("ascii")
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(data, mtime=0) if Path(path).suffix == ".gz" else data)
+
+
+def measured(values: Sequence[float], farthest: float) -> bool:
+    """Whether all values are finite, and none is farther than ``farthest`` from zero.
+
+    Where neither their sum nor the largest is, no other can be much farther: that is quick to see of a whole scan.
+    """
+    if abs(sum(values)) <= farthest and (not values or max(values) <= farthest):
+        return True
+    return all(abs(value) <= farthest for value in values)
 
 
 def settle(errors: Sequence[MclError], lines: int, last: int | None) -> list[str]:

@@ -110,8 +110,9 @@ class Transforms:
         )
 
     def remarks(self, *frames: str) -> list[str]:
-        """What a user should know of the transforms above these frames, and where the ways up from them end."""
-        links = {**self.moving, **self.static}
+        """What a user should know of the transforms above these frames, as far as somebody has asked for them."""
+        read: dict[str, Links] = vars(self)  # where cached properties are kept: /tf is long, and often nobody needs it
+        links = {**read.get("moving", {}), **read.get("static", {})}
         children = [child for frame in frames for child in (frame, *(link.frame for link in _upwards(links, frame)))]
         return [said for child in dict.fromkeys(children) for said in self._remarks.get(child, [])]
 

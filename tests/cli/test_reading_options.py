@@ -106,7 +106,7 @@ def test_what_was_left_out_and_chosen_is_said_in_lines(tmp_path: Path) -> None:
 def test_a_map_of_another_machine_is_said(tmp_path: Path) -> None:
     grid = OccupancyGrid(np.zeros((30, 30), np.float32), 0.5)
     yaml, _ = save_map(grid, tmp_path / "m.yaml")
-    yaml.write_text(yaml.read_text().replace("m.pgm", "/home/somebody/m.pgm"))
+    yaml.write_text(yaml.read_text().replace("m.pgm", "/robots/theirs/m.pgm"))
     path = ordinary_drive().write(tmp_path / "a.mcap")
     _, err = mcl("localize", path, "--map", yaml, *FEW, "-o", tmp_path / "run")
-    assert "m.yaml: image: /home/somebody/m.pgm is not there; m.pgm beside the YAML is taken" in err
+    assert "m.yaml: image: /robots/theirs/m.pgm is not there; m.pgm beside the YAML is taken" in err

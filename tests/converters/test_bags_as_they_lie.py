@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import looped, ordinary_drive
+from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
-from test_bag import ros1, ros2
+from test_bag import as_ros1, ros1, ros1_store, ros2
 
 from converters import convert
 from pipeline.errors import MclError
 from pipeline.logs.messages import Log
 from pipeline.logs.reader import read_log
+from recordings import STORE
 
 PLUGINS = [StoragePlugin.SQLITE3, StoragePlugin.MCAP]
 
@@ -41,7 +43,7 @@ def same(log: Log, other: Log) -> bool:
         ),
         lambda text: text.replace("version: 9", "version: 99"),
         lambda text: text[: len(text) // 2],
-        lambda text: text.replace("- bag", "- /home/somebody/bags/bag"),
+        lambda text: text.replace("- bag", "- /robots/theirs/bags/bag"),
         lambda text: "",
         None,
     ],
@@ -103,6 +105,29 @@ def test_a_bag_of_ros_1_without_its_index(tmp_path: Path) -> None:
     for name in ("a.bag.active", "b.bag"):
         with pytest.raises(MclError, match="cut or damaged"):  # within the only chunk
             converted(tmp_path / name, tmp_path)
+
+
+@pytest.mark.parametrize("compression", [None, *Writer1.CompressionFormat])
+def test_a_recorder_of_ros_1_that_was_killed(tmp_path: Path, compression) -> None:
+    path, store = tmp_path / "a.bag", ros1_store()
+    writer = Writer1(path)
+    if compression is not None:
+        writer.set_compression(compression)
+    writer.chunk_threshold = 10_000
+    with writer:
+        topics = {}
+        for topic, kind, stamp, _, data in ordinary_drive().entries:
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, typestore=store)
+            message = as_ros1(STORE.deserialize_cdr(data, kind), store)
+            writer.write(topics[topic], stamp, store.serialize_ros1(message, kind))
+    whole, base = path.read_bytes(), read_log(ordinary_drive().write(tmp_path / "a.mcap"))
+    (tmp_path / "a.bag.active").write_bytes(whole[: len(whole) * 2 // 3])
+    log, said = converted(tmp_path / "a.bag.active", tmp_path)
+    assert 20 < len(log) < 60
+    np.testing.assert_array_equal(log.ranges, base.ranges[: len(log)])
+    np.testing.assert_allclose(log.odometry, base.odometry[: len(log)], atol=1e-12)
+    assert "read without its index, as far as it goes: its last" in said
 
 
 def test_a_database_that_is_cut(tmp_path: Path) -> None:

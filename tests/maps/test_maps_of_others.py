@@ -48,9 +48,9 @@ def same(grid: OccupancyGrid, other: OccupancyGrid) -> bool:
     "image",
     [
         "maps/m.png",
-        "/home/somebody/catkin_ws/src/maps/m.png",
+        "/robots/theirs/catkin_ws/src/maps/m.png",
         "../elsewhere/m.png",
-        "'C:\\Users\\somebody\\m.png'",
+        "'C:\\maps\\of\\m.png'",
         "package://my_robot/maps/m.png",
     ],
 )
