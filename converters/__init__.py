@@ -13,6 +13,7 @@ from converters.map_files import HEAD, convert_map, read_map
 from converters.report import ConversionReport
 from converters.text import read_head
 from pipeline.errors import MclError
+from pipeline.logs.faults import Fault
 from pipeline.logs.recorded import Names
 
 __all__ = ["ConversionReport", "convert", "convert_map", "read_map"]
@@ -38,6 +39,8 @@ def convert(
     join: bool = False,
     names: Names | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Converts one raw log (or several, one after the other, with ``join``) and its map into ``output``.
 
@@ -48,7 +51,8 @@ def convert(
     robot was switched off, carried, and switched on. ``ground_truth``: a TUM file of base_link in the map, its
     stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag, and what a log lacks.
     ``without_odometry``: leave out what the wheels said, as if nobody had recorded it; the scans keep their stamps, the
-    laser its place on the robot. Raises MclError for input of no known format and for whatever is wrong in it.
+    laser its place on the robot. ``faults``: to be made in it, where they do not say by ``seed``. Raises MclError for
+    input of no known format and for whatever is wrong in it.
     """
     sources = [Path(source) for source in sources]
     if not sources:
@@ -60,7 +64,7 @@ def convert(
         if kind is not kinds[0]:
             raise MclError(f"a {kind.DESCRIPTION} cannot be joined to a {kinds[0].DESCRIPTION}", path=source)
     options: dict[str, Any] = {"map_path": map_path, "drop": drop, "ground_truth": ground_truth}
-    options |= {"without_odometry": without_odometry, "names": names}
+    options |= {"without_odometry": without_odometry, "names": names, "faults": faults, "seed": seed}
     if kinds[0].FORMAT != "rosbag" and names is not None and replace(names, laser_pose=None) != Names():
         raise MclError(f"a {kinds[0].DESCRIPTION} has no topics, frames and clocks to choose", path=sources[0])
     report: ConversionReport = kinds[0].convert(sources, Path(output), **options)

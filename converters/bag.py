@@ -29,6 +29,8 @@ from pipeline.logs.choice import find
 from pipeline.logs.collect import Drive, collect, mark_no_return
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.decode import decode_grid
+from pipeline.logs.disturbed import disturbed_columns
+from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.odometry import continue_odometry, move
@@ -61,6 +63,8 @@ def convert(
     ground_truth: Path | None = None,
     names: Names | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Writes ``output`` from one bag; see ``converters.convert``. ``drop`` counts from the first scan or odometry.
 
@@ -109,7 +113,9 @@ def convert(
         metadata[schema.SEGMENTS] = to_metadata(segments)
     if map_record:
         metadata[schema.MAP_SOURCE] = map_record
-    gyroscope = _gyroscope(drive, drop)
+    scans, odometry, gyroscope, made = disturbed_columns(scans, odometry, _gyroscope(drive, drop), faults, seed)
+    if made:
+        metadata[schema.FAULTS] = note(made)
     write_log(
         output,
         scans,
@@ -132,6 +138,7 @@ def convert(
         size=output.stat().st_size,
         unit="messages",
         remarks=remarks,
+        faults=[fault.text for fault in made],
     )
 
 

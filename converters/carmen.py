@@ -26,6 +26,8 @@ from pipeline.geometry import Pose, between, wrap_angle
 from pipeline.logs import schema
 from pipeline.logs.collect import FARTHEST_MOUNT
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
+from pipeline.logs.disturbed import disturbed_columns
+from pipeline.logs.faults import Fault, note
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.odometry import continue_odometry, move
 from pipeline.logs.recorded import Names
@@ -60,6 +62,8 @@ def convert(
     ground_truth: Path | None = None,
     names: Names | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Writes ``output`` from one log; see ``converters.convert``. The first line that counts is the first scan.
 
@@ -112,27 +116,32 @@ def convert(
 
         grid = read_map(map_path)
         metadata[schema.MAP_SOURCE] = {"file": Path(map_path).name, "sha256": sha256(map_path)}
-    scans, odometry, lasers = _columns(log, segments, range_max)
+    scans, wheels, lasers = _columns(log, segments, range_max)
+    odometry = None if without_odometry else wheels
+    scans, odometry, _, made = disturbed_columns(scans, odometry, None, faults, seed)
+    if made:
+        metadata[schema.FAULTS] = note(made)
     write_log(
         output,
         scans,
-        None if without_odometry else odometry,
+        odometry,
         laser_pose,
         grid=grid,
         ground_truth=read_tum(ground_truth) if ground_truth is not None else _truth(raw),
-        laser_poses=None if without_odometry or raw.laser_poses is None else lasers,
+        laser_poses=None if without_odometry or made or raw.laser_poses is None else lasers,
         metadata=metadata,
     )
     return ConversionReport(
         format=FORMAT,
         lines=sum(raw.counts.values()),
         scans=len(scans),
-        odometry=0 if without_odometry else len(odometry),
+        odometry=0 if odometry is None else len(odometry),
         dropped=len(raw) - len(log),
         duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
         output=output,
         size=output.stat().st_size,
         remarks=tuple(remarks),
+        faults=[fault.text for fault in made],
     )
 
 

@@ -30,6 +30,8 @@ from pipeline.geometry import Pose, wrap_angle
 from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.decode import decode_odometry, decode_poses, decode_scans
+from pipeline.logs.disturbed import disturbed_columns
+from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.odometry import continue_odometry, move
 from pipeline.logs.recorded import Names
@@ -61,6 +63,8 @@ def convert(
     ground_truth: Path | None = None,
     names: Names | None = None,
     without_odometry: bool = False,
+    faults: Sequence[Fault] = (),
+    seed: int = 0,
 ) -> ConversionReport:
     """Writes ``output`` from one log, or from several one after the other; see ``converters.convert``."""
     read = [read_log_bytes(source) for source in sources]
@@ -79,7 +83,10 @@ def convert(
         laser_pose, laser_pose_from = names.laser_pose, "what was said of it"
     scans, odometry, lasers = _columns(log, segments)
     verbatim = _unfaithful_lines(_restore(scans, odometry, lasers, segments), segments, texts)
-    if verbatim and not without_odometry:
+    given = None if without_odometry else odometry
+    scans, given, _, made = disturbed_columns(scans, given, None, faults, seed)
+    raw_kept = not without_odometry and not made  # what can give the source back
+    if verbatim and raw_kept:
         attachments[VERBATIM_LINES] = gzip.compress(json.dumps(verbatim).encode(), mtime=0)
     record = {
         "format": FORMAT,
@@ -106,16 +113,18 @@ def convert(
     metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
     if len(begins) > 1:
         metadata[schema.STRETCHES] = as_record(begins)
+    if made:
+        metadata[schema.FAULTS] = note(made)
     if map_record:
         metadata[schema.MAP_SOURCE] = map_record
     write_log(
         output,
         scans,
-        None if without_odometry else odometry,
+        given,
         laser_pose,
         grid=grid,
         ground_truth=truth,
-        laser_poses=None if without_odometry else lasers,
+        laser_poses=lasers if raw_kept else None,
         metadata=metadata,
         attachments=attachments,
     )
@@ -123,12 +132,13 @@ def convert(
         format=FORMAT,
         lines=total,
         scans=len(scans),
-        odometry=0 if without_odometry else len(odometry),
+        odometry=0 if given is None else len(given),
         dropped=total - len(log),
         duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
         output=output,
         size=output.stat().st_size,
         remarks=remarks,
+        faults=[fault.text for fault in made],
     )
 
 
@@ -148,6 +158,8 @@ def export_raw(mcap: Path, log_out: Path, map_out: Path | None = None) -> list[P
             raise MclError(f"not made from a {DESCRIPTION}: there is no raw log to give back", path=mcap)
         if schema.ODOMETRY not in file.topics:
             raise MclError("made without odometry: there is no raw log to give back", path=mcap)
+        if schema.FAULTS in metadata:
+            raise MclError("made with faults: there is no raw log to give back", path=mcap)
         messages = file.messages([schema.SCAN, schema.ODOMETRY, schema.LASER_POSE])
         lines_kept, map_kept = file.attachment(VERBATIM_LINES), file.attachment(VERBATIM_MAP)
         cells = file.attachment(schema.MAP_CELLS)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,8 +14,8 @@ LEFT_OUT = "left out on request"
 class ConversionReport:
     """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes.
 
-    ``odometry``: messages of it that were written, 0 where there is none. ``remarks``: what a user should know of how
-    the source was read.
+    ``odometry``: messages of it that were written, 0 where there is none; ``faults``: made on purpose, as texts;
+    ``remarks``: what a user should know of how the source was read.
     """
 
     format: str
@@ -27,3 +28,4 @@ class ConversionReport:
     size: int
     unit: str = "lines"
     remarks: tuple[str, ...] = ()
+    faults: Sequence[str] = ()

@@ -1,4 +1,4 @@
-"""Runs the tables of docs/localization.md again, row by row, and prints one table of what came out.
+"""Runs the tables of docs/localization.md and docs/faults.md again, row by row; prints one table of what came out.
 
     python docs/sweep.py [--data DIR] [--seeds 20] [--only TEXT] [--jobs N]      or: make sweep SEEDS=20 DATA=DIR
 
@@ -84,6 +84,11 @@ def _blind(row: Row) -> Row:
     return replace(row, name=f"{row.name}, no odometry", convert=(*row.convert, "--without-odometry"))
 
 
+def _wrong(row: Row, *asked: str) -> Row:
+    """The row with faults made in every run: options of evaluate."""
+    return replace(row, name=f"{row.name}, {' '.join(asked).removeprefix('--')}", evaluate=(*row.evaluate, *asked))
+
+
 def _rows() -> list[Row]:
     one, two, four = (_wean(number) for number in (1, 2, 4))
     intel, fr079, aces = (_carmen(name) for name in ("intel", "fr079", "aces"))
@@ -136,6 +141,17 @@ def _rows() -> list[Row]:
         for metres in (1.0, 3.0)
     ]
     whole = [one, two, four, intel, fr079, aces]
+    passing = [
+        _wrong(row, "--fault", kind)
+        for kind in ("gap", "turn", "slide", "spin")
+        for row in (one, two, four, intel, aces)
+    ]
+    lasting = [
+        _wrong(row, "--fault", kind)
+        for kind in ("dead", "mirrored", "no-reverse", "scale:0.7", "restart", "late:0.3")
+        for row in (one, four, intel, aces)
+    ]
+    failures = [_wrong(row, "--failures", "0.3" if row in whole[:3] else "0.02") for row in whole]
     return [
         *whole[:3],
         *dropped[:2],
@@ -147,6 +163,9 @@ def _rows() -> list[Row]:
         *others,
         *(_blind(row) for row in (intel, fr079, aces, one, two, four)),
         *thinned,
+        *passing,
+        *lasting,
+        *failures,
     ]
 
 
@@ -327,6 +346,7 @@ COLUMNS = (
     "false alarms",
     "times real time",
     "found again after being carried off",
+    "found again after faults, in two scans",
 )
 
 
@@ -350,9 +370,15 @@ def table(found: Sequence[tuple[Row, dict[str, Any]]]) -> str:
                 str(log["false_alarms"]),
                 f"{log['speed']:.0f}",
                 ", ".join(again) or "-",
+                ", ".join(_after(fault) for fault in log.get("faults", ())) or "-",
             )
         )
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def _after(fault: dict[str, Any]) -> str:
+    seconds = f" after {_pair(fault['time'], ' ', 1)} s" if fault["time"] else ""
+    return f"{fault['fault']}: {fault['found_again']}/{fault['times']}{seconds}, {fault['at_once']}/{fault['times']}"
 
 
 def _pair(summary: dict[str, float] | None, between: str, digits: int) -> str:

@@ -42,6 +42,16 @@ class Config(BaseModel):
         (0.5, 0.5, 0.26), description="Standard deviations of x, y (m) and yaw (rad), for init=pose."
     )
 
+    # --- what the belief is made of ------------------------------------------------------------------
+    filter: Literal["mcl", "grid"] = Field(
+        "mcl",
+        description="Monte Carlo localization (Table 8.2), or grid localization (Table 8.1), which is slow.",
+    )
+    grid_d: float = Field(0.1, ge=0.02, le=2.0, description="filter=grid: edge of a cell, m.")
+    grid_a: float = Field(
+        0.035, ge=0.005, le=1.0, description="filter=grid: turn from one heading of cells to the next, rad."
+    )
+
     # --- how many particles --------------------------------------------------------------------------
     max_particles: int = Field(30_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
     min_particles: int = Field(1_000, ge=1, description="Never fewer than these, nor more than max_particles.")

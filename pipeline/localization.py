@@ -28,7 +28,8 @@ class RunResult:
     """What a run found, one row per scan: stamps (n,) int64 ns; poses (n, 3) m, m, rad in the map frame, online.
 
     ``events``: (scan index, seconds since the first scan, event); ``seconds``: wall time by part; ``particles``,
-    ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``converged_at``: seconds, None if it never did;
+    ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``weights`` (n,): the estimate's share of the belief;
+    ``converged_at``: seconds, None if it never did;
     ``hindsight`` (n, 3): as ``poses``, told from the end of the log.
     """
 
@@ -41,6 +42,7 @@ class RunResult:
     mean_likelihood: NDArray[np.float64]
     explained: NDArray[np.float64]
     spread: NDArray[np.float64]
+    weights: NDArray[np.float64]
     converged_at: float | None = None
     hindsight: NDArray[np.float64] | None = None
 
@@ -70,12 +72,14 @@ def localize(
     grid, log = log.grid, log.without_short(config.laser_min_range)
     config = config.model_copy(update={"laser_max_range": log.laser.longest(config.laser_max_range)})
     # Imported here: numba takes longer to load than a short log to localize, and --help must not wait for it.
+    from pipeline.filter.grid_filter import GridFilter
     from pipeline.filter.particle_filter import ParticleFilter
     from pipeline.kernels.threads import use_threads
 
     clock = _Clock()
     with use_threads(threads):
-        mcl = ParticleFilter(grid, log.laser, config, seed, wheels=log.wheels)
+        kind = GridFilter if config.filter == "grid" else ParticleFilter
+        mcl = kind(grid, log.laser, config, seed, wheels=log.wheels)
         clock.lap("start")
         steps = _Columns(len(log))
         for scan in progress(log.scans()):
@@ -95,18 +99,20 @@ class _Columns:
 
     def __init__(self, n: int) -> None:
         self._poses = np.empty((n, 3))
-        self._figures = np.empty((n, 5))
+        self._figures = np.empty((n, 6))
         self._events: list[tuple[int, float, Event]] = []
         self._rows = 0
 
     def log(self, step: Step) -> None:
         self._poses[self._rows] = step.estimate.pose
-        self._figures[self._rows] = (len(step.particles), step.ess, step.mean_likelihood, step.explained, step.spread)
+        self._figures[self._rows] = (
+            len(step.particles), step.ess, step.mean_likelihood, step.explained, step.spread, step.estimate.weight,
+        )  # fmt: skip
         self._events += [(step.index, step.time, event) for event in step.events]
         self._rows += 1
 
     def result(self, log: Log, seconds: dict[str, float], hindsight: NDArray[np.float64] | None) -> RunResult:
-        particles, ess, mean_likelihood, explained, spread = self._figures.T.copy()
+        particles, ess, mean_likelihood, explained, spread, weights = self._figures.T.copy()
         converged = [t for _, t, event in self._events if event.kind == "converged"]
         return RunResult(
             stamps=log.stamps,
@@ -118,6 +124,7 @@ class _Columns:
             mean_likelihood=mean_likelihood,
             explained=explained,
             spread=spread,
+            weights=weights,
             converged_at=converged[0] if converged else None,
             hindsight=hindsight,
         )

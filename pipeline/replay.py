@@ -224,7 +224,10 @@ def _score(log: Log, result: RunResult) -> Score | None:
     lost = [index for index, _, event in result.events if event.kind == "lost"]
     at = kidnapped_in(log.metadata)
     try:
-        return score(log.times, result.poses, truth, kidnapped_at=at, lost_at=lost, hindsight=result.hindsight)
+        return score(
+            log.times, result.poses, truth,
+            kidnapped_at=at, lost_at=lost, hindsight=result.hindsight, weights=result.weights,
+        )  # fmt: skip
     except MclError:
         return None  # a truth that says nothing of a whole stretch is no reason to lose the run
 

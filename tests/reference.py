@@ -612,3 +612,90 @@ def sweep(seen, centre, half_width, step, angles, walls: Walls, near: float) -> 
         scores[a, row, col] = np.mean(walls.beside(at)[1] <= near)
         scores[a, row, col] -= 1e-3 * (abs(dx) + abs(dy) + abs(angles[a] - centre[2]))
     return scores
+
+
+# --- a belief over the cells of a lattice ----------------------------------------------------------------------------
+
+
+def spread(lists, moves, height: int, width: int) -> dict[tuple[int, int, int], float]:
+    """What each cell (heading, row, column) gathers; ``lists``: for each list its cells (row, column) with a weight;
+    ``moves``: (target heading, source list, rows down, columns right, share)."""
+    gathered: dict[tuple[int, int, int], float] = {}
+    for target, source, down, right, share in moves:
+        for (row, col), weight in lists[source].items():
+            at = (target, row + down, col + right)
+            if 0 <= at[1] < height and 0 <= at[2] < width:
+                gathered[at] = gathered.get(at, 0.0) + share * weight
+    return gathered
+
+
+def whole_number_gaussian(mean: float, variance: float, most: int, *, widths: float, narrow: float) -> dict[int, float]:
+    """Weights of whole numbers: a Gaussian's density at them, or below ``narrow`` three with its first two moments."""
+    nearest = round(mean)
+    part = mean - nearest
+    if variance < narrow:
+        second = max(variance + part**2, abs(part))
+        return {nearest - 1: (second - part) / 2, nearest: 1.0 - second, nearest + 1: (second + part) / 2}
+    reach = min(most, max(1, math.ceil(widths * math.sqrt(variance))))
+    density = {nearest + k: math.exp(-((k - part) ** 2) / (2 * variance)) for k in range(-reach, reach + 1)}
+    total = sum(density.values())
+    return {k: value / total for k, value in density.items()}
+
+
+def _between_two(at: float) -> list[tuple[int, float]]:
+    low = math.floor(round(at, 9))
+    return [(low, 1.0 - (round(at, 9) - low)), (low + 1, round(at, 9) - low)]
+
+
+def lattice_transition(before, after, step, covariance, shape, *, widths: float, narrow: float) -> np.ndarray:
+    """p(cell after | cell before), (headings * height * width) squared, for a move with Gaussian noise.
+
+    ``before``, ``after``: cell size, turn, shift (headings, 2) and first heading of the lattice at either time.
+    """
+    size, turn, shift, yaw = before
+    _, _, later, later_yaw = after
+    n, (height, width) = len(shift), shape
+    mean = math.remainder(step[2] - (later_yaw - yaw), 2 * math.pi) / turn
+    turns = whole_number_gaussian(mean, covariance[2, 2] / turn**2, (n - 1) // 2, widths=widths, narrow=narrow)
+    given = covariance[:2, :2] - np.outer(covariance[:2, 2], covariance[:2, 2]) / covariance[2, 2]
+
+    def landed(h: int, k: int) -> np.ndarray:
+        ahead = step[:2] + covariance[:2, 2] / covariance[2, 2] * (k - mean) * turn
+        c, s = math.cos(yaw + h * turn), math.sin(yaw + h * turn)
+        return shift[h] + np.array([[c, -s], [s, c]]) @ ahead / size - later[(h + k) % n]
+
+    transition = np.zeros((n, height, width, n, height, width))
+    drifts = []
+    for t in range(n):
+        excess = np.zeros(2)
+        for k, share in turns.items():
+            for axis in (0, 1):
+                (_, one), (_, other) = _between_two(landed((t - k) % n, k)[axis])
+                excess[axis] += share * one * other
+        c, s = math.cos(later_yaw + t * turn - step[2]), math.sin(later_yaw + t * turn - step[2])
+        rotation = np.array([[c, -s], [s, c]])
+        about = rotation @ given @ rotation.T / size**2
+        variances = np.maximum(np.diag(about) - excess, 0.0)
+        first = 0 if variances[0] >= variances[1] else 1
+        both = math.sqrt(variances[0] * variances[1])
+        slope = min(max(about[0, 1], -both), both) / max(variances[first], 1e-9)
+        left = variances[1 - first] - slope**2 * variances[first]
+        along = whole_number_gaussian(0.0, variances[first], max(shape), widths=widths, narrow=narrow)
+        left -= sum(w * math.prod(part for _, part in _between_two(slope * k)) for k, w in along.items())
+        across = whole_number_gaussian(0.0, max(left, 0.0), max(shape), widths=widths, narrow=narrow)
+        ways = [(k, aside, w * part) for k, w in along.items() for aside, part in _between_two(slope * k)]
+        drifts.append((first, ways, across))
+    for h, row, col in itertools.product(range(n), range(height), range(width)):
+        for k, share in turns.items():
+            x, y = landed(h, k)
+            for (right, a), (down, b) in itertools.product(_between_two(x), _between_two(y)):
+                t, i, j = (h + k) % n, row + down, col + right
+                first, ways, across = drifts[t]
+                # What leaves the map on the way is gone.
+                for k1, k2, w in ways if 0 <= i < height and 0 <= j < width else ():
+                    i1, j1 = (i + k2, j + k1) if first == 0 else (i + k1, j + k2)
+                    for k3, v in across.items() if 0 <= i1 < height and 0 <= j1 < width else ():
+                        i2, j2 = (i1 + k3, j1) if first == 0 else (i1, j1 + k3)
+                        if 0 <= i2 < height and 0 <= j2 < width:
+                            transition[h, row, col, t, i2, j2] += share * a * b * w * v
+    return transition.reshape(n * height * width, -1)

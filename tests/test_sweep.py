@@ -68,7 +68,7 @@ def office(sweep: ModuleType) -> Any:
 def test_rows_have_names_of_their_own(sweep: ModuleType):
     rows = sweep._rows()
     slugs = [sweep._slug(row.name) for row in rows]
-    assert len(set(slugs)) == len(slugs) == 40
+    assert len(set(slugs)) == len(slugs) == 90
 
 
 def test_what_is_done_is_not_run_again(sweep: ModuleType, ran: list[list[str]], tmp_path: Path):
@@ -134,4 +134,7 @@ def test_a_thinned_log_has_a_scan_per_metre(sweep: ModuleType, tmp_path: Path):
 def test_the_table_is_markdown(sweep: ModuleType):
     heading, _, row = sweep.table([(office(sweep), told())]).splitlines()
     assert heading.count("|") == row.count("|") == len(sweep.COLUMNS) + 1
-    assert row == "| office | 2/2 | 0.5 0.8 | 50.0 | 0.500 / 0.750 | - | 0.50 | 0 | 100 | 0/2 |"
+    assert row == "| office | 2/2 | 0.5 0.8 | 50.0 | 0.500 / 0.750 | - | 0.50 | 0 | 100 | 0/2 | - |"
+    fault = {"fault": "turn", "times": 2, "found_again": 2, "at_once": 1, "time": {"median": 0.5, "p95": 3.0}}
+    _, _, row = sweep.table([(office(sweep), told() | {"faults": [fault]})]).splitlines()
+    assert row.endswith("| 0/2 | turn: 2/2 after 0.5 3.0 s, 1/2 |")

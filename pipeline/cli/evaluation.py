@@ -12,11 +12,13 @@ from pipeline import console
 from pipeline.cli.lines import columns, percent
 from pipeline.cli.parameters import (
     ConfigOption,
+    FaultOption,
     ForceOption,
     JsonOption,
     MapOption,
     ParticlesOption,
     SetOption,
+    asked_faults,
     effective_config,
 )
 from pipeline.cli.reading import LogArguments, Reading, open_log, reads_logs
@@ -24,7 +26,7 @@ from pipeline.errors import MclError
 from pipeline.outputs import check_output, replacing
 
 if TYPE_CHECKING:
-    from pipeline.evaluate import Comparison, Evaluation
+    from pipeline.evaluate import Comparison
 
 LIMIT_FAILED = 3
 PICTURES = (".png", ".pdf", ".svg")
@@ -63,6 +65,15 @@ def evaluate(
             help="When the robot, carried off, measures again: seconds since the first scan; else the log's own note.",
         ),
     ] = None,
+    faults: FaultOption = None,
+    failures: Annotated[
+        list[float] | None,
+        typer.Option(
+            metavar="PER_METRE",
+            help="Make so many failures per metre of the way, placed anew for every seed: turned by 180 degrees, "
+            "shifted, or put elsewhere (Fox, Burgard and Thrun 1999). Several rates are compared; --plot draws them.",
+        ),
+    ] = None,
     reference_frame: Annotated[
         ReferenceFrame, typer.Option(help="Whether the references say where the robot's centre was, or its laser.")
     ] = ReferenceFrame.base,
@@ -85,6 +96,7 @@ def evaluate(
     keys, variants = evaluation.variants(
         vary or (), lambda values: effective_config(config, [*(settings or ()), *values], particles)
     )
+    keys, variants = evaluation.with_failures(keys, variants, failures or ())
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
     done = evaluation.compare(
         [open_log(log, map_path, reading) for log in logs],
@@ -96,11 +108,14 @@ def evaluate(
         console.progress,
         reference_frame="laser" if reference_frame is ReferenceFrame.laser else "base_link",
         kidnapped_at=kidnapped_at or (),
+        faults=asked_faults(faults),
+        failures=[variant.failures for variant in variants],
     )
     comparison = evaluation.Comparison(keys, variants, done)
     told = comparison if keys else done[0]
     if plot is not None:
-        _write_plot(told, plot)
+        with replacing(plot) as partial:
+            evaluation.plot_recovery(comparison, partial) if failures else evaluation.plot(told, partial)
     if as_json:
         console.emit_json(told.to_dict())
     else:
@@ -117,12 +132,36 @@ def _tell(comparison: Comparison, runs: int) -> None:
     if comparison.keys:
         console.result(columns(f"{runs} runs per row", comparison.table(), comparison.columns))
         recoveries, headings = comparison.recovery_table(), comparison.recovery_columns
+        faults, fault_headings = comparison.fault_table(), comparison.fault_columns
+        certain, certain_headings = comparison.certainty_table(), comparison.certain_columns
     else:
         (done,) = comparison.evaluations
         console.result(columns(f"{runs} runs per log", evaluation.table(done), evaluation.COLUMNS))
         recoveries, headings = evaluation.recovery_table(done), evaluation.RECOVERY_COLUMNS
+        faults, fault_headings = evaluation.fault_table(done), evaluation.FAULT_COLUMNS
+        certain, certain_headings = evaluation.certainty_table(done), evaluation.CERTAIN_COLUMNS
     if recoveries:
         console.result(columns("kidnapped", recoveries, headings))
+    if faults:
+        console.result(columns("faults", faults, fault_headings))
+    if any(done.config.filter == "grid" for done in comparison.evaluations):
+        console.result(columns("90 % of the belief at the true place", certain, certain_headings))
+    _note_few(comparison)
+
+
+def _note_few(comparison: Comparison) -> None:
+    """Where there were too few failures for a share to mean much."""
+    from pipeline import evaluate as evaluation
+
+    for label, done in comparison.labelled:
+        for log in done.logs if done.failures is not None else ():
+            made = len(dict(log.faults).get(evaluation.ANY, ()))
+            if made < evaluation.ENOUGH:
+                name = f"{log.name}, {label}" if label else log.name
+                console.note(
+                    f"note: {name}: {made} failures in {len(log.runs)} runs; a share wants {evaluation.ENOUGH}: "
+                    "more --runs, or more --failures"
+                )
 
 
 def _require(share: float, comparison: Comparison) -> None:
@@ -143,10 +182,3 @@ def _check_plot(path: Path, force: bool) -> None:
     if path.suffix.lower() not in PICTURES:
         raise MclError(f"a plot is one of {', '.join(PICTURES)}, told apart by its suffix", path=path)
     check_output(path, force)
-
-
-def _write_plot(done: Evaluation | Comparison, path: Path) -> None:
-    from pipeline.evaluate import plot
-
-    with replacing(path) as partial:
-        plot(done, partial)

@@ -12,7 +12,9 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import facts, percent
 from pipeline.cli.parameters import (
+    FaultOption,
     ForceOption,
+    asked_faults,
 )
 from pipeline.cli.reading import Reading, reads_logs
 from pipeline.errors import MclError
@@ -64,6 +66,8 @@ def convert(
         list[str] | None,
         typer.Option(metavar="BEGIN:END", help="Leave out these seconds: somebody carried the robot. Repeatable."),
     ] = None,
+    faults: FaultOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of what --fault leaves to chance.")] = 0,
     join: Annotated[bool, typer.Option("--join", help="Put several logs one after the other.")] = False,
     ground_truth: Annotated[
         Path | None,
@@ -85,11 +89,12 @@ def convert(
     With a name that ends in .yaml as the output, a map (or a recording's) becomes a map_server YAML with its image.
     """
     if output.suffix.lower() in YAML:
-        if len(logs) != 1 or map_path or drop or join or ground_truth or without_odometry:
+        if len(logs) != 1 or map_path or drop or join or ground_truth or without_odometry or faults:
             raise typer.BadParameter("to write a map, give one map (or a recording that has one) and nothing else")
         _convert_map(logs[0], output, mode, force)
         return
     intervals = [_interval(text) for text in drop or ()]
+    disturbances = asked_faults(faults)
     check_suffix(output, ".mcap", "the name of a log ends in .mcap, that of a map in .yaml")
     refuse_existing(output, force)
     for source in (*logs, map_path, ground_truth):
@@ -107,6 +112,8 @@ def convert(
         join=join,
         names=reading.names,
         without_odometry=without_odometry,
+        faults=disturbances,
+        seed=seed,
     )
     rows = [
         ("format", report.format),
@@ -114,6 +121,7 @@ def convert(
         ("scans", f"{report.scans:,}"),
         ("odometry", f"{report.odometry:,}" if report.odometry else "none"),
         ("dropped", f"{report.dropped:,} {report.unit}"),
+        *(("fault", text) for text in report.faults),
         ("duration", f"{report.duration:.1f} s"),
         ("size", f"{report.size / 1e6:.2f} MB"),
     ]
@@ -159,6 +167,7 @@ def simulate(
             "Without this option the format is cmu, or mcap if a raw log cannot hold what the robot measures.",
         ),
     ] = None,
+    faults: FaultOption = None,
     force: ForceOption = False,
 ) -> None:
     """Drive through a made-up building: a log, a map and the truth.
@@ -168,9 +177,9 @@ def simulate(
     from pipeline.simulate import Format, chosen_format, load_building, output_names
     from pipeline.simulate import simulate as simulate_drive
 
-    description = load_building(building)
+    description, disturbances = load_building(building), asked_faults(faults)
     try:
-        kind = chosen_format(description, None if log_format is None else Format(log_format.value))
+        kind = chosen_format(description, None if log_format is None else Format(log_format.value), disturbances)
     except MclError as error:
         raise MclError(error.message, error.hint, path=building) from error
     names = output_names(description, kind)
@@ -178,11 +187,12 @@ def simulate(
         if (output / name).exists() and building.samefile(output / name):
             raise MclError("the output is the input", "give another folder", path=output / name)
     check_folder(output, names, force)
-    report = simulate_drive(description, output, seed, kind)
+    report = simulate_drive(description, output, seed, kind, disturbances)
     rows = [
         ("seed", str(report.seed)),
         ("format", report.format.value),
         ("scans", f"{report.scans:,}"),
+        *(("fault", text) for text in report.faults),
         ("duration", f"{report.duration:.1f} s"),
         ("distance", f"{report.distance:.1f} m"),
         ("odometry alone ends off by", f"{report.odometry_error:.2f} m"),

@@ -12,6 +12,7 @@ from pipeline import console
 
 if TYPE_CHECKING:
     from pipeline.config import Config
+    from pipeline.logs.faults import Fault
 
 MapOption = Annotated[
     Path | None,
@@ -38,7 +39,37 @@ ConnectOption = Annotated[
     str | None,
     typer.Option(metavar="URL", help="Show it in a viewer that is open already, like rerun+http://host:9876/proxy."),
 ]
+FaultOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="KIND:ARGS",
+        help="Make a fault on purpose; the truth stays exact. Repeatable. Moments are seconds since the first scan; "
+        "what is left out at the end is drawn by the seed: `turn` is a wrong turn somewhere. "
+        "gap:40:60, lines are missing and the odometry goes on; "
+        "carried:40:60, the same, and the wheels did not turn meanwhile; "
+        "turn:40:90, at 40 s the wheels count 90 degrees to the left too many; "
+        "slide:40:1.5:-0.5, the robot slides 1.5 m forwards and 0.5 m to the right, uncounted; "
+        "spin:40:42:0.5, the wheels spin, and count 0.5 m/s too much; "
+        "dead:40:60, the odometry stands still (dead:40 to the end); "
+        "mirrored, turns have the wrong sign; "
+        "no-reverse, driving backwards is told as forwards; "
+        "scale:0.7, of every metre 0.7 m are told; "
+        "restart:40, the odometry begins at zero again; "
+        "late:0.3, it is 0.3 s behind the laser; "
+        "thin:5, a scan every 5 s.",
+    ),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
+
+
+def asked_faults(texts: list[str] | None) -> tuple[Fault, ...]:
+    """What --fault asks for."""
+    if not texts:
+        return ()
+    from pipeline.logs.faults import parse_fault
+
+    return tuple(parse_fault(text) for text in texts)
 
 
 def effective_config(source: str | None, settings: list[str] | None, particles: int | None, **flags: Any) -> Config:

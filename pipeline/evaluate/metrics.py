@@ -24,6 +24,7 @@ Mask = NDArray[np.bool_]
 
 LOCALIZED = (0.5, np.radians(10.0))  # m, rad: closer than this is localized
 END = (1.0, np.radians(20.0))  # m, rad: a run that succeeds ends closer than this
+CERTAIN = 0.9  # of the belief
 LOCALIZED_SHARE = 0.95  # of the scans from the one at which the robot counts as found
 
 
@@ -160,7 +161,9 @@ class Score:
 
     ``success``: found in every stretch, and within 1.0 m and 20 degrees at the last scan. ``time_to_localize``: from
     the log's first scan to the one at which the robot counts as found. ``localized``, ``localized_after``: share of
-    scans localized, of all and of those since it was found. ``position_error``, ``heading_error``: since it was found.
+    scans localized, of all and of those since it was found. ``certain_at``: from the log's first scan to the first that
+    is localized and has 90 % of the belief there; None also where the belief is not told. ``position_error``,
+    ``heading_error``: since it was found.
     ``ate``: RMSE of the position over all scans; ``ate_after``: since it was found. ``end_*``: at the last scan.
     ``false_alarms``: events "lost" just after a scan that was localized: a right verdict mends the estimate at once.
     ``hindsight_*``: of the trajectory smoothed afterwards: errors at the first scan, and RMSE over all. ``scored``:
@@ -183,6 +186,7 @@ class Score:
     hindsight_start_heading_error: float | None
     hindsight_ate: float | None
     scored: int
+    certain_at: float | None = None
 
     @property
     def scans_right(self) -> float:
@@ -203,17 +207,20 @@ def score(
     kidnapped_at: Sequence[float] = (),
     lost_at: Sequence[int] = (),
     hindsight: Array | None = None,
+    weights: Array | None = None,
 ) -> Score:
     """Score the poses (n, 3) of a run against truth (n, 3), both base_link in the map frame, m and rad.
 
     ``times``: (n,) seconds since the first scan; rows of ``truth`` that are NaN are not scored. ``kidnapped_at``: in s.
-    ``lost_at``: indices of the scans at which the filter said that it was lost; ``hindsight``: (n, 3) or None.
+    ``lost_at``: indices of the scans at which the filter said that it was lost; ``hindsight``: (n, 3) or None;
+    ``weights``: (n,) each pose's share of the belief, or None.
     Raises MclError where no scan can be scored, in the whole log or in a stretch.
     """
     scored = known(truth)
     position, heading = pose_errors(poses, truth)
     localized = is_localized(position, heading)
     found, since_found = search(times, localized, scored, kidnapped_at)
+    certain = np.flatnonzero(localized & (weights >= CERTAIN)) if weights is not None else np.zeros(0, np.int64)
     last = int(np.flatnonzero(scored)[-1])
     smoothed = pose_errors(hindsight[scored], truth[scored]) if hindsight is not None else None
     return Score(
@@ -233,6 +240,7 @@ def score(
         hindsight_start_heading_error=float(np.degrees(smoothed[1][0])) if smoothed else None,
         hindsight_ate=rmse(smoothed[0]) if smoothed else None,
         scored=int(np.sum(scored)),
+        certain_at=float(times[certain[0]]) if len(certain) else None,
     )
 
 

@@ -65,9 +65,9 @@ def _draw(figure: SubFigure, title: str, log: LogEvaluation) -> None:
 
 
 def _errors(position: Axes, heading: Axes, log: LogEvaluation) -> None:
-    thin = _thin(len(log.times))
     curves = [
-        [np.column_stack([log.times, error])[thin] for error in _floored(run.poses, log.truth)] for run in log.runs
+        [np.column_stack([run.times, error])[_thin(len(run.times))] for error in _floored(run.poses, run.truth)]
+        for run in log.runs
     ]
     for axes, k, limit, label in (
         (position, 0, LOCALIZED[0], "position error (m)"),
@@ -98,10 +98,10 @@ def _map(axes: Axes, log: LogEvaluation) -> None:
     truth = log.truth[known(log.truth)]
     if log.grid is not None:
         _grid(axes, log.grid)
-    _lines(axes, [_path(run.poses[known(log.truth)]) for run in log.runs], log)
+    _lines(axes, [_path(run.poses[known(run.truth)]) for run in log.runs], log)
     axes.plot(*_path(truth).T, color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), zorder=4)
     for good, colour, marker in ((False, BAD, "X"), (True, GOOD, "o")):
-        ends = np.array([run.poses[known(log.truth)][-1, :2] for run in log.runs if run.score.success == good])
+        ends = np.array([run.poses[known(run.truth)][-1, :2] for run in log.runs if run.score.success == good])
         if len(ends):
             axes.scatter(
                 ends[:, 0], ends[:, 1], s=42, c=colour, marker=marker, edgecolors="white", linewidths=0.7, zorder=5
@@ -182,7 +182,7 @@ def _median(axes: Axes, curves: Sequence[Array], log: LogEvaluation) -> None:
     from matplotlib.patheffects import Normal, Stroke
 
     chosen = [curve for curve, run in zip(curves, log.runs, strict=True) if run.score.success]
-    if len(chosen) >= 5:
+    if len(chosen) >= 5 and all(len(curve) == len(chosen[0]) for curve in chosen):
         time, error = chosen[0][:, 0], np.median([curve[:, 1] for curve in chosen], axis=0)
         rim = [Stroke(linewidth=3.2, foreground="white"), Normal()]
         label = "median of the runs that succeed"

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.config import Config
+from pipeline.evaluate.aftermath import Aftermath, Row, aftermath_row, plain_aftermath
+from pipeline.evaluate.failures import ANY, FAILURES
 from pipeline.evaluate.metrics import (
     Array,
     Score,
@@ -48,13 +50,17 @@ COMPARE_COLUMNS = ("log", "configuration", *COLUMNS[1:])
 """Headings of ``compare_table``."""
 RECOVERY_COLUMNS = ("log", "kidnapped at (s)", "recovered", "after (s)", "p95")
 """Headings of ``recovery_table``."""
-
-Row = tuple[str, ...]
+CERTAIN_COLUMNS = ("log", "certain", "after (s)", "p95")
+"""Headings of ``certainty_table``."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One seed on one log: ``poses`` (n, 3) m and rad, base_link in map; ``seconds`` of wall clock by part."""
+    """One seed on one log: ``poses`` (n, 3) m and rad, base_link in map; ``seconds`` of wall clock by part.
+
+    ``times`` (n,), ``truth`` (n, 3): of the scans that it was given, which faults may have left out or moved;
+    ``faults``: what followed each of them.
+    """
 
     seed: int
     score: Score
@@ -62,10 +68,15 @@ class Run:
     seconds: Mapping[str, float]
     speed: float
     """Seconds of log per second of wall clock."""
+    times: Array
+    truth: Array
+    faults: tuple[Aftermath, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, without the poses."""
-        return {"seed": self.seed, **self.score.to_dict(), "speed": self.speed, "seconds": dict(self.seconds)}
+        faults = [asdict(fault) for fault in self.faults]
+        plain = {"seed": self.seed, **self.score.to_dict(), "speed": self.speed, "seconds": dict(self.seconds)}
+        return plain | {"faults": faults} if faults else plain
 
 
 @dataclass(frozen=True)
@@ -94,8 +105,8 @@ class LogEvaluation:
         """Position errors (m) and heading errors (degrees) since the robot was found, the scans of all runs in one."""
         position, heading = [np.zeros(0)], [np.zeros(0)]
         for run in self.runs:
-            errors = pose_errors(run.poses, self.truth)
-            since_found = search(self.times, is_localized(*errors), known(self.truth), self.kidnapped_at)[1]
+            errors, kidnapped_at = pose_errors(run.poses, run.truth), [r.kidnapped_at for r in run.score.recoveries]
+            since_found = search(run.times, is_localized(*errors), known(run.truth), kidnapped_at)[1]
             position.append(errors[0][since_found])
             heading.append(np.degrees(errors[1][since_found]))
         return np.concatenate(position), np.concatenate(heading)
@@ -103,15 +114,24 @@ class LogEvaluation:
     @property
     def recoveries(self) -> list[tuple[float, int, Summary | None]]:
         """For each kidnapping: when it was (s), the runs that recovered, and after how many seconds."""
-        by_kidnapping = zip(*(run.score.recoveries for run in self.runs), strict=True)
-        return [
-            (
-                these[0].kidnapped_at,
-                sum(r.recovered for r in these),
-                Summary.of([r.time for r in these if r.time is not None]),
-            )
-            for these in by_kidnapping
+        by_kidnapping = [
+            (at, [r for run in self.runs for r in run.score.recoveries if r.kidnapped_at == at])
+            for at in sorted(self.kidnapped_at)
         ]
+        return [
+            (at, sum(r.recovered for r in these), Summary.of([r.time for r in these if r.time is not None]))
+            for at, these in by_kidnapping
+        ]
+
+    @property
+    def faults(self) -> list[tuple[str, list[Aftermath]]]:
+        """For each fault by its name: what followed, in all runs; of the protocol's failures also all together."""
+        names: dict[str, list[Aftermath]] = {}
+        for run in self.runs:
+            for fault in run.faults:
+                names.setdefault(fault.fault, []).append(fault)
+        failures = [fault for name in FAILURES for fault in names.get(name, [])]
+        return [*sorted(names.items()), *([(ANY, failures)] if failures else [])]
 
     @property
     def speed(self) -> float:
@@ -138,6 +158,7 @@ class LogEvaluation:
             "success_rate": self.success_rate,
             "success_interval": list(wilson_interval(self.successes, len(self.runs))),
             "time_to_localize": _plain(self.over_runs(lambda score: score.time_to_localize)),
+            "certain_at": _plain(self.over_runs(lambda score: score.certain_at)),
             "position_error": _plain(position),
             "heading_error": _plain(heading),
             "scans_right": _plain(self.over_runs(lambda score: score.scans_right)),
@@ -146,6 +167,7 @@ class LogEvaluation:
             "ate": _plain(self.over_runs(lambda score: score.ate)),
             "ate_after": _plain(self.over_runs(lambda score: score.ate_after)),
             "recoveries": recoveries,
+            **({"faults": faults} if (faults := [plain_aftermath(*each) for each in self.faults]) else {}),
             "false_alarms": sum(run.score.false_alarms for run in self.runs),
             "hindsight_start_position_error": _plain(
                 self.over_runs(lambda score: score.hindsight_start_position_error)
@@ -158,11 +180,15 @@ class LogEvaluation:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What ``evaluate`` returns: one entry per log, the configuration, and the versions that ran it."""
+    """What ``evaluate`` returns: one entry per log, the configuration, and the versions that ran it.
+
+    ``failures``: per metre, where the protocol made some.
+    """
 
     logs: tuple[LogEvaluation, ...]
     config: Config
     versions: Mapping[str, str]
+    failures: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, ready for JSON; two logs of the same name are told apart by a number."""
@@ -172,7 +198,9 @@ class Evaluation:
             while name in logs:
                 name = f"{log.name} ({sum(key.startswith(log.name) for key in logs) + 1})"
             logs[name] = log.to_dict()
-        return {"logs": logs, "config": self.config.model_dump(mode="json"), "versions": dict(self.versions)}
+        failures = {} if self.failures is None else {"failures": self.failures}
+        config = self.config.model_dump(mode="json")
+        return {"logs": logs, **failures, "config": config, "versions": dict(self.versions)}
 
 
 def versions() -> dict[str, str]:
@@ -213,6 +241,20 @@ def recovery_table(evaluation: Evaluation) -> list[Row]:
         for log in evaluation.logs
         for at, recovered, time in log.recoveries
     ]
+
+
+def fault_table(evaluation: Evaluation) -> list[Row]:
+    """One row of strings per log and fault, under FAULT_COLUMNS; empty where there were none."""
+    return [(log.name, *aftermath_row(*each)) for log in evaluation.logs for each in log.faults]
+
+
+def certainty_table(evaluation: Evaluation) -> list[Row]:
+    """One row of strings per log, under CERTAIN_COLUMNS: in how many runs 90 % of the belief came to the true place."""
+    return [
+        (log.name, f"{sum(run.score.certain_at is not None for run in log.runs)}/{len(log.runs)}",
+         *_figures(log.over_runs(lambda score: score.certain_at), ".1f", "median", "p95"))
+        for log in evaluation.logs
+    ]  # fmt: skip
 
 
 def _row(log: LogEvaluation) -> Row:

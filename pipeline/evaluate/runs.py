@@ -23,8 +23,12 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.evaluate.metrics import Array, interpolate, known, laser_to_base, score, search
+from pipeline.evaluate.aftermath import aftermaths
+from pipeline.evaluate.failures import RECOVERED, draw_failures
+from pipeline.evaluate.metrics import LOCALIZED, Array, interpolate, known, laser_to_base, score, search
 from pipeline.evaluate.report import Evaluation, LogEvaluation, Run, versions
+from pipeline.logs.disturbed import disturbed
+from pipeline.logs.faults import Fault, noted, placed
 from pipeline.logs.messages import Log, Trajectory
 
 if TYPE_CHECKING:
@@ -62,11 +66,13 @@ class _Case:
 
 @dataclass(frozen=True)
 class _Work:
-    """All that a process needs to know, once."""
+    """All that a process needs to know, once; ``failures``: per metre, one for each of ``configs``."""
 
     cases: tuple[_Case, ...]
     configs: tuple[Config, ...]
     runner: Runner
+    faults: tuple[Fault, ...]
+    failures: tuple[float | None, ...]
 
 
 def evaluate(
@@ -80,6 +86,8 @@ def evaluate(
     *,
     reference_frame: Literal["base_link", "laser"] = "base_link",
     kidnapped_at: Sequence[float] = (),
+    faults: Sequence[Fault] = (),
+    failures: float | None = None,
     runner: Runner | None = None,
 ) -> Evaluation:
     """Localize every log with seeds first_seed .. first_seed + runs - 1 and score it against its reference.
@@ -88,7 +96,7 @@ def evaluate(
     """
     (only,) = compare(
         logs, references, [config], runs, jobs, first_seed, progress,
-        reference_frame=reference_frame, kidnapped_at=kidnapped_at, runner=runner,
+        reference_frame=reference_frame, kidnapped_at=kidnapped_at, faults=faults, failures=[failures], runner=runner,
     )  # fmt: skip
     return only
 
@@ -104,6 +112,8 @@ def compare(
     *,
     reference_frame: Literal["base_link", "laser"] = "base_link",
     kidnapped_at: Sequence[float] = (),
+    faults: Sequence[Fault] = (),
+    failures: Sequence[float | None] = (),
     runner: Runner | None = None,
 ) -> tuple[Evaluation, ...]:
     """Localize every log with every configuration, each with seeds first_seed .. first_seed + runs - 1; score all runs.
@@ -111,6 +121,8 @@ def compare(
     ``references``: one per log, poses of ``reference_frame`` in the map frame; None takes the log's own ground truth.
     ``jobs``: processes, one thread each, as many as there are cores if None; 1 stays in this process. The result does
     not depend on it. ``kidnapped_at``: seconds since each log's first scan; none given takes the log's own metadata.
+    ``faults`` are made in every log, placed anew by the seed of each run; ``failures``: so many a metre, as
+    ``draw_failures`` places them, one number or None for each of ``configs``.
     Raises MclError for a log without reference, a reference that does not overlap it in time, and what the runs raise.
     """
     if runs < 1:
@@ -122,7 +134,9 @@ def compare(
     cases = tuple(
         _case(log, reference, reference_frame, kidnapped_at) for log, reference in zip(logs, references, strict=True)
     )
-    work = _Work(cases, tuple(configs), runner or _localize)
+    rates = tuple(failures) or (None,) * len(configs)
+    work = _Work(cases, tuple(configs), runner or _localize, tuple(faults), rates)
+    _check(work, first_seed)
     seeds = range(first_seed, first_seed + runs)
     tasks: list[Task] = [(c, k, seed) for c in range(len(configs)) for k in range(len(cases)) for seed in seeds]
     jobs = min(jobs or _cores(), len(tasks))
@@ -130,7 +144,9 @@ def compare(
         done = list(progress(results, len(tasks), "evaluating") if progress else results)
     scored = [_scored(case, done[k * runs : (k + 1) * runs]) for k, case in enumerate(cases * len(configs))]
     n = len(cases)
-    return tuple(Evaluation(tuple(scored[c * n : (c + 1) * n]), config, versions()) for c, config in enumerate(configs))
+    return tuple(
+        Evaluation(tuple(scored[c * n : (c + 1) * n]), config, versions(), rates[c]) for c, config in enumerate(configs)
+    )
 
 
 def _scored(case: _Case, runs: Sequence[Run]) -> LogEvaluation:
@@ -157,6 +173,37 @@ def _case(log: Log, reference: Trajectory | None, frame: str, kidnapped_at: Sequ
     return _Case(log, truth, moments)
 
 
+def _check(work: _Work, seed: int) -> None:
+    """What would be wrong with the faults is known before any run."""
+    for case in work.cases:
+        own = noted(case.log.metadata)
+        if any(rate is not None for rate in work.failures) and (case.kidnapped_at or own or _jumps(work.faults)):
+            hint = "give the log as it was recorded"
+            raise MclError("failures are made in a log in which nobody was carried off", hint, path=case.log.path)
+        try:
+            if work.faults:
+                _disturbed(case, work.faults, None, seed)
+        except MclError as error:
+            raise MclError(error.message, error.hint, path=case.log.path) from error
+
+
+def _jumps(faults: Sequence[Fault]) -> bool:
+    return any(fault.kind == "jump" for fault in faults)
+
+
+def _disturbed(case: _Case, faults: Sequence[Fault], rate: float | None, seed: int) -> tuple[_Case, tuple[Fault, ...]]:
+    """The case as this seed disturbs it, and all the faults that are in it, the log's own before those made here."""
+    log, truth, own = case.log, case.truth, noted(case.log.metadata)
+    made = placed(faults, log.duration, seed)
+    if rate is not None:
+        made += draw_failures(log.times, truth, rate, seed)
+    if not made:
+        return case, own
+    carried = [fault.moment for fault in made if fault.carries_off and fault.moment is not None]
+    log, rows = disturbed(log, made)
+    return _Case(log, truth[rows], (*case.kidnapped_at, *carried)), (*own, *made)
+
+
 def kidnapped_in(metadata: Mapping[str, Mapping[str, str]]) -> tuple[float, ...]:
     """Seconds that a record of the log's metadata gives under "kidnapped_at", however it separates them."""
     texts = (record.get("kidnapped_at", "") for record in metadata.values())
@@ -177,7 +224,8 @@ def _localize(log: Log, config: Config, *, seed: int, threads: int) -> RunResult
 
 
 def _run(work: _Work, task: Task) -> Run:
-    config, case, seed = work.configs[task[0]], work.cases[task[1]], task[2]
+    config, rate, seed = work.configs[task[0]], work.failures[task[0]], task[2]
+    case, faults = _disturbed(work.cases[task[1]], work.faults, rate, seed)
     start = time.perf_counter()
     result = work.runner(case.log, config, seed=seed, threads=1)
     elapsed = time.perf_counter() - start
@@ -188,8 +236,19 @@ def _run(work: _Work, task: Task) -> Run:
         kidnapped_at=case.kidnapped_at,
         lost_at=[index for index, _, event in result.events if event.kind == "lost"],
         hindsight=result.hindsight,
+        weights=result.weights,
     )
-    return Run(seed, scored, result.poses, dict(result.seconds), speed=case.log.duration / elapsed)
+    times, limits = case.log.times, LOCALIZED if rate is None else RECOVERED
+    return Run(
+        seed,
+        scored,
+        result.poses,
+        dict(result.seconds),
+        speed=case.log.duration / elapsed,
+        times=times,
+        truth=case.truth,
+        faults=aftermaths(times, result.poses, case.truth, faults, limits),
+    )
 
 
 # --- here, or in a pool of processes --------------------------------------------------------------------------------

@@ -3,22 +3,40 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pipeline.config import Config, check_name
 from pipeline.errors import MclError
-from pipeline.evaluate.report import COLUMNS, RECOVERY_COLUMNS, Evaluation, Row, compare_table, recovery_table
+from pipeline.evaluate.aftermath import FAULT_COLUMNS, Row
+from pipeline.evaluate.report import (
+    CERTAIN_COLUMNS,
+    COLUMNS,
+    RECOVERY_COLUMNS,
+    Evaluation,
+    certainty_table,
+    compare_table,
+    fault_table,
+    recovery_table,
+)
+
+PER_METRE = "failures per metre"
+"""What a comparison calls the rate of failures that it varies."""
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A configuration among others: ``values`` as they were typed, in the order of the parameters that are varied."""
+    """A configuration among others: ``values`` as they were typed, in the order of the parameters that are varied.
+
+    ``failures``: so many are made a metre, if any.
+    """
 
     values: tuple[str, ...]
     config: Config
+    failures: float | None = None
 
     @property
     def label(self) -> str:
@@ -57,13 +75,52 @@ class Comparison:
         """Variant by variant, one row of strings per log and kidnapping."""
         return [(row[0], label, *row[1:]) for label, done in self.labelled for row in recovery_table(done)]
 
+    @property
+    def fault_columns(self) -> Row:
+        """Headings of ``fault_table``."""
+        return (FAULT_COLUMNS[0], ", ".join(self.keys), *FAULT_COLUMNS[1:])
+
+    def fault_table(self) -> list[Row]:
+        """Variant by variant, one row of strings per log and fault."""
+        return [(row[0], label, *row[1:]) for label, done in self.labelled for row in fault_table(done)]
+
+    @property
+    def certain_columns(self) -> Row:
+        """Headings of ``certainty_table``."""
+        return (CERTAIN_COLUMNS[0], ", ".join(self.keys), *CERTAIN_COLUMNS[1:])
+
+    def certainty_table(self) -> list[Row]:
+        """Variant by variant, one row of strings per log."""
+        return [(row[0], label, *row[1:]) for label, done in self.labelled for row in certainty_table(done)]
+
     def to_dict(self) -> dict[str, Any]:
         """As plain values, ready for JSON: what is varied, and per variant its values and its evaluation."""
         variants = []
         for done in self.evaluations:
             plain = done.to_dict()
-            variants.append({"values": {key: plain["config"][key] for key in self.keys}, **plain})
+            values = plain["config"] | {PER_METRE: done.failures}
+            variants.append({"values": {key: values[key] for key in self.keys}, **plain})
         return {"vary": list(self.keys), "variants": variants}
+
+
+def with_failures(
+    keys: tuple[str, ...], found: tuple[Variant, ...], rates: Sequence[float]
+) -> tuple[tuple[str, ...], tuple[Variant, ...]]:
+    """Every variant with each of these rates of failures per metre, which is told as one more key if there are several.
+
+    Raises MclError for a rate that is none.
+    """
+    if not rates:
+        return keys, found
+    for rate in rates:
+        if not 0.0 < rate < math.inf:
+            raise MclError(f"--failures {rate:g}: expected a number of failures per metre, more than 0")
+    if len(rates) == 1:
+        return keys, tuple(replace(one, failures=rates[0]) for one in found)
+    every = [
+        replace(one, values=(f"{rate:g}", *one.values), failures=rate) for rate in dict.fromkeys(rates) for one in found
+    ]
+    return (PER_METRE, *keys), tuple(every)
 
 
 def variants(

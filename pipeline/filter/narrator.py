@@ -101,12 +101,8 @@ class Narrator:
 
 def _unseen(step: Step) -> list[Event]:
     """What is missing in the log before this scan, or wrong, so that nobody saw the robot's way."""
-    gap, leapt, at = step.motion.gap, step.motion.leapt, f"{step.time:.1f} s"
-    events = []
-    if leapt is not None:
-        step_told = f"leapt at {at}: {in_words(leapt, 1)}, which no robot does"
-        text = f"The odometry {step_told}. It was restarted, or is wrong there; it counts on from where the robot was."
-        events.append(Event("leapt", text, "WARN"))
+    gap, at = step.motion.gap, f"{step.time:.1f} s"
+    events = [Event(fault.kind, fault.text, "WARN") for fault in step.motion.faults]
     if gap is None:
         return events
     said = "the wheels say nothing" if gap.told is None else f"the wheels say {in_words(gap.told, 1)}"
@@ -117,4 +113,4 @@ def _unseen(step: Step) -> list[Event]:
         text = f"{gap.seconds:.0f} s are missing before {at}; {said}, {so}."
     else:
         text = f"The laser sees other walls at {at} than just before; {said}, so the robot may have been carried."
-    return [*events, Event("gap", text, "WARN")]
+    return [*events, Event("gap", text, "INFO" if gap.bridged else "WARN")]

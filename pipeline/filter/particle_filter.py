@@ -83,10 +83,12 @@ class ParticleFilter:
         return self._narrator.tell(step, verdict)
 
     def _moved(self, motion: Motion) -> bool:
-        if self._motion is None or motion.unseen is not None or motion.leapt is not None:
+        if self._motion is None or motion.unseen is not None:
             return True
         far, turned = self._config.update_min_d, self._config.update_min_a
         if motion.laser is None or motion.odometry is None or self._motion.odometry is None:
+            return _reaches(between(self._motion.pose, motion.pose), far, turned)
+        if motion.unheard != self._motion.unheard:
             return _reaches(between(self._motion.pose, motion.pose), far, turned)
         # A laser among people is never quite still: against wheels that are, its word counts from farther on.
         if _reaches(between(self._motion.odometry, motion.odometry), far, turned):

@@ -37,8 +37,10 @@ MARGIN = 10.5
 """Nats: a rival takes the belief's place when its lead over the belief and its lead over every other rival add up
 to this. Where the map is wrong many rivals are ahead of a right belief, by up to 7, but none
 stands out."""
+CARRIED = 1.0
+"""The same where nobody saw the way here and the wheels stood still: then hardly anything speaks for the belief."""
 OPEN = 4.0
-"""The same of a place that may well be right: after a gap, or since the belief came where it is by the same contest."""
+"""The same of a place that the belief has met in the contest by which it came where it is."""
 BEATEN = 0.5 * MARGIN
 """Nats behind the belief at which such a place has lost, and is no likelier than any other."""
 HOPELESS = 12.0
@@ -116,11 +118,11 @@ class Recovery:
         self.rivals.follow(prior, reading, scan.index)
         carried = motion.unseen is not None and not motion.unseen.driven
         if carried:
-            self.rivals.margin[:] = OPEN
+            self.rivals.margin[:] = CARRIED
         if motion.unseen is not None or self._doubtful(scan):
             key = stream_key(self._seed, scan.index, STREAM)
             found = self._sensor.search(reading, DRAWS, key, coarse=True).poses
-            self._add(found, self._place(belief)[None], scan, OPEN if carried else MARGIN)
+            self._add(found, self._place(belief)[None], scan, CARRIED if carried else MARGIN)
         if not len(self.rivals):
             return None
         self._hear(belief, reading, motion)

@@ -43,7 +43,7 @@ class Beams:
 @dataclass(frozen=True)
 class Event:
     """Something worth a line: ``kind`` is a word (started, searched, converged, diverged, resampled,
-    lost, found, contradicted, gap, leapt), ``text`` a sentence."""
+    lost, found, contradicted, gap, or a fault of the wheels), ``text`` a sentence."""
 
     kind: str
     text: str

@@ -112,6 +112,7 @@ TRUE_FRAME: Final = "true_base_link"
 SOURCE: Final = "mcl:source"  # format, files, checksums, converter, counts, laser offset, what was left out
 SEGMENTS: Final = "mcl:segments"  # how stamps and odometry of the source were re-expressed: JSON per stretch
 MAP_SOURCE: Final = "mcl:map"  # format, file and checksum of the map, and its header where it has one
+FAULTS: Final = "mcl:faults"  # the faults made in it on purpose, one a key: for who judges a run
 RESULT: Final = "mcl:result"  # of a result: version, seed, and the configuration as YAML
 LASER_ODOMETRY_ABOUT: Final = "mcl:laser_odometry"  # of a file with /laser_odom: version, and who was heard
 STRETCHES: Final = "mcl:stretches"  # where the recording began anew: nanoseconds of each stretch's first message

@@ -9,15 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.motion.laser_odometry import FASTEST, GOOD, SPINNING, Match
+from pipeline.motion.laser_odometry import GOOD, Match
 
 Array = NDArray[np.float64]
 
 LONG, TIMES = 2.5, 5.0
 """s, and multiples of the usual time between two scans: a scan that comes later than both has a gap before it. Loggers
 pause for up to 1.4 s (Intel), and some recordings have a scan every five seconds."""
-LEAP, LEAP_TURN = 0.5, 0.5
-"""m, rad: by how much more than the fastest robot's drive an odometry may be off its last pose, until it has leapt."""
 MOVED, TURNED = 0.3, 0.3
 """m, rad: wheels that say less stood still."""
 
@@ -63,8 +61,3 @@ class Gaps:
         if (parted or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
             return Gap("unmatched", seconds, told)
         return None
-
-
-def leapt(told: Array, seconds: float) -> bool:
-    """Whether no robot makes this step (3,) m, m, rad in that time: the odometry has been restarted, or is wrong."""
-    return math.hypot(told[0], told[1]) > FASTEST * seconds + LEAP or abs(told[2]) > SPINNING * seconds + LEAP_TURN

@@ -49,6 +49,8 @@ ELSEWHERE_D, ELSEWHERE_A = 0.03, 0.03
 """m, rad: two matches closer than this are one."""
 FASTEST, SPINNING = 5.0, 6.0
 """m/s, rad/s: no robot drives or turns faster."""
+BURST = 0.1
+"""s: stamps of scans that were written in a burst may be closer than the scans were."""
 SIGMA = 0.02
 """m: deviation of a point from its line, from which the covariance follows. Larger than a laser's own noise, since
 neighbours err together: in three real buildings NEES is about 1, in made-up ones 0.2 to 0.6 (docs/motion.md)."""
@@ -150,7 +152,7 @@ class LaserOdometry:
 
     def _possible(self, pose: Array, seconds: float) -> bool:
         """Whether a robot gets there in that time."""
-        step = between(self._pose, pose)
+        step, seconds = between(self._pose, pose), max(seconds, BURST)
         return math.hypot(step[0], step[1]) < FASTEST * seconds + 0.1 and abs(step[2]) < SPINNING * seconds + 0.2
 
     def fit(self, ranges: NDArray[np.float32], guess: Array) -> float:

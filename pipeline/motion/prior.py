@@ -160,9 +160,15 @@ def _shared(components: list[Component], share: float) -> tuple[Component, ...]:
 
 
 def _by_wheels(before: Motion, now: Motion, config: Config) -> Component | None:
-    if before.odometry is None or now.odometry is None or now.leapt is not None:
+    if before.odometry is None or now.odometry is None or now.unheard != before.unheard:
         return None
-    return _by_table(before.odometry, now.odometry, WHEELS, config)
+    told = _by_table(before.odometry, now.odometry, WHEELS, config)
+    if not now.late:
+        return told
+    # What they say is how the robot moved a moment ago: it may have changed its pace since.
+    changed = abs(now.late) * (now.time - before.time)
+    noise = np.diag([ACCELERATION, ACCELERATION, TURNING]) * changed
+    return replace(told, covariance=told.covariance + noise**2, table=None)
 
 
 def _by_table(before: Array, now: Array, name: str, config: Config) -> Component:

@@ -9,13 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.geometry import between, compose, inverse
+from pipeline.geometry import between, compose
 from pipeline.logs.messages import Laser, Scan
 from pipeline.motion.deskew import Deskewer
-from pipeline.motion.gaps import Gap, Gaps, leapt
+from pipeline.motion.faults import Fault, Faults, Step, leap, leapt
+from pipeline.motion.gaps import Gap, Gaps
 from pipeline.motion.laser_odometry import LaserOdometry, Match
 
 Array = NDArray[np.float64]
+SOUND = 0.7
+"""Fit of two matches from which on the step between them may show a fault of the wheels."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +29,9 @@ class Motion:
     wheels are heard; ``turn``: heading by a gyroscope, rad, None without one; ``pose``: dead reckoning by both, which
     starts where the odometry does; ``time``: seconds since the first scan. ``ranges`` (beams,) float32 m: the scan as
     it is seen from where the robot was at its stamp; ``blind``: seconds since the laser last told the robot's speed in
-    all directions; ``gap``: that nobody saw the way from the scan before; ``leapt``: (3,) the step of an odometry that
-    no robot makes, which is left out of ``odometry``.
+    all directions; ``gap``: that nobody saw the way from the scan before; ``faults`` of the wheels that this scan has
+    shown: ``odometry`` is what is left when they are mended; ``unheard``: how many steps the wheels have not told so
+    far; ``late``: s, by which they are behind the laser, if that is a fault.
     """
 
     time: float
@@ -38,7 +42,9 @@ class Motion:
     ranges: NDArray[np.float32]
     blind: float = 0.0
     gap: Gap | None = None
-    leapt: Array | None = None
+    faults: tuple[Fault, ...] = ()
+    unheard: int = 0
+    late: float = 0.0
 
     @property
     def unseen(self) -> Gap | None:
@@ -62,8 +68,8 @@ class Witnesses:
         self._deskewer = Deskewer(laser)
         self._last: Motion | None = None
         self._gaps = Gaps()
-        self._restarted: Array | None = None
-        """Where the odometry's own frame is since it has leapt, in that of before."""
+        self._faults = Faults()
+        self._recorded, self._unheard, self._mended = np.zeros(3), 0, False
         self._step, self._seconds, self._blind = np.zeros(3), 0.0, math.inf
 
     def update(self, scan: Scan) -> Motion:
@@ -73,8 +79,13 @@ class Witnesses:
             self._last = Motion(scan.time, scan.odometry, None, scan.turn, scan.odometry, scan.ranges)
             return self._last
         seconds = scan.time - last.time if last is not None else 0.0
-        odometry, leap = self._by_wheels(scan, seconds) if self._wheels else (None, None)
-        told = None if leap is not None else odometry
+        faults, recorded, told = list[Fault](), None, None
+        if self._wheels and last is not None:
+            recorded = between(self._recorded, scan.odometry)
+            if leapt(recorded, seconds):
+                faults, recorded = [leap(scan.time, recorded, scan.odometry)], None
+            elif not self._faults.dead:
+                told = self._faults.mended(recorded)
         guesses = self._guesses(last, told, scan.turn, seconds)
         ranges = self._at_the_stamp(scan, guesses[0])
         match = self._laser.update(ranges, guesses, seconds, told is not None)
@@ -87,10 +98,17 @@ class Witnesses:
             pose = compose(last.pose, self._step)
             known = match.open is None and match.stretch == last.laser.stretch
             self._blind = 0.0 if known else self._blind + seconds
-            gap = self._gaps.update(seconds, _step(last, told), last.laser, match)
+            gap = self._gaps.update(seconds, told, last.laser, match)
             if gap is not None and not gap.bridged and match.stretch == last.laser.stretch:
                 self._laser.begin_anew(ranges)
-        self._last = Motion(scan.time, odometry, match, scan.turn, pose, ranges, self._blind, gap, leap)
+            if recorded is not None:
+                sound = known and last.laser.open is None and gap is None and min(match.fit, last.laser.fit) > SOUND
+                faults += self._faults.update(Step(scan.time, seconds, recorded, self._step if sound else None))
+        odometry = self._odometry(scan, told, recorded)
+        self._last = Motion(
+            scan.time, odometry, match, scan.turn, pose, ranges, self._blind, gap,
+            tuple(faults), self._unheard, self._faults.late,
+        )  # fmt: skip
         return self._last
 
     @property
@@ -98,18 +116,20 @@ class Witnesses:
         """(4, n) float32: the walls that laser odometry remembers, in its frame: points (m) and normals; maybe none."""
         return np.empty((4, 0), np.float32) if self._laser is None else self._laser.walls
 
-    def _by_wheels(self, scan: Scan, seconds: float) -> tuple[Array, Array | None]:
-        """The odometry of a scan, in one frame for the whole log; and the step that it has leapt, if it has."""
-        odometry = scan.odometry if self._restarted is None else compose(self._restarted, scan.odometry)
-        last = self._last
-        if last is None or last.odometry is None:
-            return odometry, None
-        step = between(last.odometry, odometry)
-        if not leapt(step, seconds):
-            return odometry, None
-        # Its pose says nothing any more; its next steps may. Go on from where it stood.
-        self._restarted = compose(last.odometry, inverse(scan.odometry))
-        return last.odometry, step
+    def _odometry(self, scan: Scan, told: Array | None, recorded: Array | None) -> Array | None:
+        """The odometry of a scan: as it was recorded, or with the faults of its steps mended, in one frame.
+
+        A step that the wheels do not tell is the laser's: so the frame holds for whoever keeps things in it.
+        """
+        if not self._wheels:
+            return None
+        self._recorded = scan.odometry
+        if self._last is None or self._last.odometry is None:
+            return scan.odometry
+        if told is None:
+            self._unheard += 1
+        self._mended |= told is None or told is not recorded
+        return compose(self._last.odometry, self._step if told is None else told) if self._mended else scan.odometry
 
     def _at_the_stamp(self, scan: Scan, guess: Array) -> NDArray[np.float32]:
         """The scan as it is seen from where the robot was at its stamp, where the wheels tell how it went on.
@@ -121,22 +141,15 @@ class Witnesses:
             return scan.ranges
         return self._deskewer(scan.ranges, scan.sweep, lambda ranges: laser.fit(ranges, guess))
 
-    def _guesses(self, last: Motion | None, odometry: Array | None, turn: float | None, seconds: float) -> list[Array]:
-        """Steps that the robot may have made since the scan before, the most trusted first."""
+    def _guesses(self, last: Motion | None, told: Array | None, turn: float | None, seconds: float) -> list[Array]:
+        """Steps that the robot may have made since the scan before, the most trusted first; ``told``: by the wheels."""
         if last is None:
             return [np.zeros(3)]
         # As before: for as long as it lasts, or not at all.
         going_on = self._step * (min(seconds / self._seconds, 3.0) if self._seconds > 0.0 else 0.0)
-        if odometry is None or last.odometry is None:
-            guesses = [going_on, np.zeros(3)]
-        else:
-            told = between(last.odometry, odometry)
-            guesses = [told, going_on, np.zeros(3), told * [-1.0, -1.0, 1.0]]
+        guesses = [going_on, np.zeros(3)]
+        if told is not None:
+            guesses = [told, *guesses, told * [-1.0, -1.0, 1.0]]
         if turn is not None and last.turn is not None and math.isfinite(turn - last.turn):
             guesses.insert(1, np.array([*guesses[0][:2], turn - last.turn]))
         return guesses
-
-
-def _step(last: Motion, odometry: Array | None) -> Array | None:
-    """The wheels' step since the scan before, None where they say nothing."""
-    return None if last.odometry is None or odometry is None else between(last.odometry, odometry)

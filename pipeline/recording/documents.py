@@ -104,6 +104,11 @@ def explanation(config: Config, *, wheels: bool = True, laser: bool = True) -> s
         "random start, so that each has the same chance to be drawn, whatever its weight. The histogram and the "
         "curves count all of them. What is drawn is rounded to 4 mm and 1 degree; the estimate is also stored exactly."
     )
+    if config.filter == "grid":
+        sampling += (
+            "\n\nThis run kept the probability of every cell of the map in every heading (filter=grid): a dot is the "
+            "centre of a cell. Where there are more cells than max_particles, so many are drawn by weight."
+        )
     witnesses = "" if not laser else _WITNESSES if wheels else _LASER_ALONE
     return _EXPLANATION.format(sampling=sampling) + witnesses
 

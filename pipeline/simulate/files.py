@@ -16,11 +16,12 @@ from pipeline.errors import MclError
 from pipeline.geometry import compose, wrap_angle
 from pipeline.logs import schema
 from pipeline.logs.columns import ScanColumns, planar_poses
+from pipeline.logs.faults import Fault, noted
 from pipeline.logs.tum import write_tum
 from pipeline.logs.writer import write_log
 from pipeline.maps.map_server import save_map
 from pipeline.simulate.building import Building, Laser
-from pipeline.simulate.simulation import Simulated, simulate_log
+from pipeline.simulate.simulation import Simulated, simulate_log, with_faults
 
 Array = NDArray[np.float64]
 
@@ -49,18 +50,22 @@ class SimulationReport:
     odometry_error: float
     odometry_yaw_error: float
     format: Format = Format.cmu
+    faults: Sequence[str] = ()
 
 
-def simulate(building: Building, out_dir: Path, seed: int, format: Format | None = None) -> SimulationReport:
+def simulate(
+    building: Building, out_dir: Path, seed: int, format: Format | None = None, faults: Sequence[Fault] = ()
+) -> SimulationReport:
     """Drives through the building and writes the log, the map, and NAME_truth.tum (the centre at every scan).
 
     NAME is the building's. As ``cmu`` NAME.log.gz (O and L lines) and NAME.dat.gz (a beesoft map); as ``mcap``
     NAME.mcap by the contract of ``schema``, which holds map and truth as well, and NAME.yaml with NAME.pgm. Without
-    ``format`` it is cmu if that can hold what the robot measures. The same building and seed give the same text.
+    ``format`` it is cmu if that can hold what the robot measures. ``faults`` are made in the log, placed by the seed.
+    The same building, seed and faults give the same text.
     Raises MclError for a building that cannot stand, a drive that never ends, and a laser or gyroscope that cmu lacks.
     """
-    format = chosen_format(building, format)
-    made = simulate_log(building, seed)
+    format = chosen_format(building, format, faults)
+    made = with_faults(simulate_log(building, seed), faults)
     out_dir.mkdir(parents=True, exist_ok=True)
     names = output_names(building, format)
     log, grid, truth = (out_dir / name for name in (names[0], names[1], names[-1]))
@@ -83,6 +88,7 @@ def simulate(building: Building, out_dir: Path, seed: int, format: Format | None
         odometry_error=error,
         odometry_yaw_error=yaw_error,
         format=format,
+        faults=[fault.text for fault in noted(made.log.metadata)],
     )
 
 
@@ -92,12 +98,12 @@ def output_names(building: Building, format: Format) -> Sequence[str]:
     return [f"{building.name}{end}" for end in (*ends, "_truth.tum")]
 
 
-def chosen_format(building: Building, format: Format | None) -> Format:
-    """The format to write: ``format``, or the raw one if that can hold what the robot measures.
+def chosen_format(building: Building, format: Format | None, faults: Sequence[Fault] = ()) -> Format:
+    """The format to write: ``format``, or the raw one if that can hold what the robot measures, and no faults' note.
 
     Raises MclError if the raw format is wanted and cannot hold it.
     """
-    reasons = _not_in_raw_format(building)
+    reasons = _not_in_raw_format(building) + (["the note of the faults that were made"] if faults else [])
     if format is Format.cmu and reasons:
         raise MclError(f"the raw format cannot hold {', '.join(reasons)}", "use --format mcap")
     return format or (Format.mcap if reasons else Format.cmu)

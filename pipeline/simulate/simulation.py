@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import __version__
+from pipeline.errors import MclError
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.logs import schema
 from pipeline.logs.columns import GyroscopeColumns
+from pipeline.logs.disturbed import disturbed
+from pipeline.logs.faults import Fault, placed, recorded, told
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.simulate.building import Building
@@ -64,7 +68,7 @@ class Simulated:
     @property
     def odometry_errors(self) -> tuple[float, float]:
         """How far odometry, set right at the first scan, is off at the last: m, rad."""
-        truth = self.ground_truth.poses
+        truth = self.ground_truth.poses[np.searchsorted(self.ground_truth.stamps, self.log.stamps)]
         x, y, yaw = compose(truth[0], between(self.scan_odometry[0], self.scan_odometry[-1])) - truth[-1]
         return float(np.hypot(x, y)), abs(float(wrap_angle(yaw)))
 
@@ -122,6 +126,40 @@ def simulate_log(building: Building, seed: int = 0) -> Simulated:
         turns=None if gyroscope is None else _turns(gyroscope, scan_stamps),
     )
     return Simulated(building, seed, log, motion, stamps, odometry, scan_odometry, ranges, gyroscope)
+
+
+def with_faults(made: Simulated, faults: Sequence[Fault]) -> Simulated:
+    """The same drive, measured by a robot with these faults; the seed places what they leave to chance.
+
+    Raises MclError for a fault that lies outside of the drive, and for a jump.
+    """
+    if not faults:
+        return made
+    if any(fault.kind == "jump" for fault in faults):
+        raise MclError("a jump sets scans of another time behind each other: only mcl evaluate can make it")
+    disturbances = placed(faults, made.log.duration, made.seed)
+    start, stamps, odometry, gyroscope = int(made.log.stamps[0]), made.odometry_stamps, made.odometry, made.gyroscope
+    for fault in disturbances:
+        times = (stamps - start) / 1e9
+        kept = recorded(fault, times)
+        odometry, stamps = told(fault, times, odometry)[kept], stamps[kept]
+        if gyroscope is not None:
+            kept = recorded(fault, (gyroscope.stamps - start) / 1e9)
+            gyroscope = replace(gyroscope, stamps=gyroscope.stamps[kept], rates=gyroscope.rates[kept])
+    log, rows = disturbed(made.log, disturbances)
+    scan_odometry = interpolate(log.stamps / 1e9, stamps / 1e9, odometry)
+    sweeps, laser = None, made.building.laser
+    if laser.time_increment:
+        sweeps = between(scan_odometry, interpolate(log.stamps / 1e9 + laser.duration, stamps / 1e9, odometry))
+    return replace(
+        made,
+        log=replace(log, odometry=_wrapped(scan_odometry), sweeps=sweeps),
+        odometry_stamps=stamps,
+        odometry=odometry,
+        scan_odometry=scan_odometry,
+        ranges=made.ranges[rows],
+        gyroscope=gyroscope,
+    )
 
 
 def _ticks(start: float, end: float, rate: float, rng: np.random.Generator) -> Stamps:

@@ -79,6 +79,7 @@ def stub(log: Log, config: Config, *, seed: int, threads: int):
         mean_likelihood=nothing,
         explained=nothing,
         spread=nothing,
+        weights=np.linspace(0.0, 1.0, SCANS),
         converged_at=None,
     )
 
@@ -125,6 +126,7 @@ def test_the_figures_of_a_log():
     assert (told["runs"], told["successes"], told["success_rate"]) == (8, 6, 0.75)
     assert told["success_interval"][0] < 0.75 < told["success_interval"][1]
     assert told["time_to_localize"]["median"] == 10.0
+    assert told["certain_at"]["median"] == np.ceil(0.9 * (SCANS - 1))  # a belief that grows by as much at every scan
     assert [run["time_to_localize"] for run in told["seeds"][:4]] == [5.0, 10.0, 15.0, None]
     assert told["localized_after"]["median"] == 1.0
     right = [run["scans_right"] for run in told["seeds"][:4]]

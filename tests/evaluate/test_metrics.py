@@ -148,6 +148,13 @@ def test_a_run_that_finds_itself():
     assert (result.end_position_error, result.end_heading_error) == (pytest.approx(0.3), 0.0)
 
 
+def test_when_the_belief_is_certain_of_the_true_place():
+    """The first scan that is right and has 90 % of the belief: neither alone will do."""
+    assert run([8, 8, 0.3, 0.4, 0.3], weights=np.array([0.95, 0.5, 0.89, 0.9, 0.2])).certain_at == 3.0
+    assert run([8, 8, 0.3, 0.4, 0.3], weights=np.full(5, 0.5)).certain_at is None
+    assert run([8, 8, 0.3, 0.4, 0.3]).certain_at is None
+
+
 def test_a_run_that_is_never_localized():
     result = run([2, 2, 0.6])
     assert not result.success

@@ -162,6 +162,9 @@ BAD_INPUT = {
     "evaluate office.mcap --plot new.doc": r"new\.doc: .*\.png",
     "evaluate office.mcap --plot nosuch/new.png": r"nosuch: .*folder",
     "evaluate office.mcap --kidnapped-at 1000 --runs 1 --set recovery=none": r"1000 s.*from 0 to",
+    "evaluate office.mcap --fault truning": r"no kind of fault 'truning'.*gap, carried, turn",
+    "evaluate office.mcap --fault turn:1000:90 --runs 1": r"office\.mcap: fault turn:1000:90: the log runs from 0 to",
+    "evaluate office.mcap --failures 0 --runs 1": r"--failures 0: expected a number of failures per metre",
     "config nosuch": r"nosuch: .*course",
     "config --set foo=1": r"'foo'",
 }
