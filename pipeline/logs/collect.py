@@ -44,20 +44,21 @@ class Drive:
     remarks: tuple[str, ...] = ()
 
 
-def collect(recorded: Recorded, names: Names | None = None) -> Drive:
+def collect(recorded: Recorded, names: Names | None = None, *, mend: bool = True) -> Drive:
     """Scans, odometry and the laser's place: where ``names`` does not say it, by their types and by the transforms.
 
     Odometry is a topic of Odometry messages, else odom -> base among the transforms. Without either, and unless
     ``names`` asks for it, there is none: then the robot's centre is the root of the transforms that carry the laser, or
     the laser itself in a recording without transforms. A gyroscope is a topic of Imu messages. Of several lasers the
-    first is taken with which all this is found. Raises MclError if the scans, odometry that was asked for, or the
-    laser's place are missing, and says what the recording has instead.
+    first is taken with which all this is found. ``mend``: odometry that jumps goes on from where it stood, and such as
+    never moves is not taken. Raises MclError if the scans, odometry that was asked for, or the laser's place are
+    missing, and says what the recording has instead.
     """
     names = names or Names()
     if names.stamps == "log":
         recorded = ByLogTime(recorded)
     try:
-        return _collect(recorded, names)
+        return _collect(recorded, names, mend)
     except MclError as error:
         hint = error.hint or "; ".join(recorded.remarks)
         raise MclError(error.message, hint, path=error.path or recorded.path, line=error.line) from error
@@ -82,7 +83,7 @@ def mark_no_return(scans: ScanColumns) -> ScanColumns:
     return scans
 
 
-def _collect(recorded: Recorded, names: Names) -> Drive:
+def _collect(recorded: Recorded, names: Names, mend: bool) -> Drive:
     asked = chosen(recorded, names.scan_topic, SCAN_TYPES)
     topics = [asked] if asked else candidates(recorded, *SCAN_TYPES)
     if not topics:
@@ -94,7 +95,7 @@ def _collect(recorded: Recorded, names: Names) -> Drive:
     refused: list[tuple[str, MclError]] = []
     for topic in topics:
         try:
-            drive = _drive(recorded, topic, names)
+            drive = _drive(recorded, topic, names, mend)
         except MclError as error:
             refused.append((topic, error))
             continue
@@ -105,7 +106,7 @@ def _collect(recorded: Recorded, names: Names) -> Drive:
     raise refused[0][1]
 
 
-def _drive(recorded: Recorded, scan_topic: str, names: Names) -> Drive:
+def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Drive:
     """The drive by the scans of one topic."""
     kinds = (schema.ODOMETRY_TYPE, schema.TF_TYPE)
     odom_topic = chosen(recorded, names.odom_topic, kinds)
@@ -115,7 +116,7 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names) -> Drive:
     laser = (names.laser_frame or scans.frame).lstrip("/")
     said = [t.name for t in recorded.topics.values() if t.type == schema.TF_TYPE]
     transforms = Transforms(recorded, of_robot(recorded, scan_topic, said))
-    found = find_odometry(recorded, odom_topics, messages, transforms, names, scans, laser)
+    found = find_odometry(recorded, odom_topics, messages, transforms, names, scans, laser, mend)
     odometry, odom, base = found.odometry, found.odom, found.base
     if not base:  # nobody says which frame is the robot's
         base = names.base_frame or transforms.root(laser)
@@ -140,19 +141,20 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names) -> Drive:
         origin["laser_at_centre"] = "no transform says where it is"
     about_place = transforms.remarks(laser, base) if names.laser_pose is None else []
     remarks = [*scans.remarks, *found.remarks, *about_place]
-    clock, scans, odometry, gyroscope = _in_one_time(scan_topic, found.topic, scans, odometry, gyroscope, remarks)
+    clock, scans, odometry, gyroscope = _in_one_time(scan_topic, scans, odometry, gyroscope, remarks)
+    if odometry is not None and (mend or odometry.stretch is not None):
+        odometry = _in_one_piece(odometry, found.topic, remarks)
     return Drive(scans, odometry, laser_in_base, origin, gyroscope, clock, tuple(dict.fromkeys(remarks)))
 
 
 def _in_one_time(
     scan_topic: str,
-    odom_topic: str,
     scans: ScanColumns,
     odometry: PoseColumns | None,
     gyroscope: GyroscopeColumns | None,
     remarks: list[str],
 ) -> tuple[Clock, ScanColumns, PoseColumns | None, GyroscopeColumns | None]:
-    """All of it by one clock, and the odometry in one piece."""
+    """All of it by one clock."""
     odometry = None if odometry is None else alongside(scans, odometry)
     gyroscope = None if gyroscope is None else alongside(scans, gyroscope)
     clock = one_time(scans, odometry, gyroscope)
@@ -161,14 +163,16 @@ def _in_one_time(
     if gyroscope is not None:
         gyroscope = clock(gyroscope)
         gyroscope = gyroscope.take(np.argsort(gyroscope.stamps, kind="stable"))
-    if odometry is not None:
-        odometry = clock(odometry)
-        ordered = odometry.take(np.argsort(odometry.stamps, kind="stable"))
-        breaks = [] if ordered.stretch is None else (np.flatnonzero(np.diff(ordered.stretch)) + 1).tolist()
-        whole = in_one_piece(ordered, odom_topic, breaks)
-        remarks += whole.remarks[len(odometry.remarks) :]
-        odometry = odometry if whole is ordered else whole
-    return clock, clock(scans), odometry, gyroscope
+    return clock, clock(scans), None if odometry is None else clock(odometry), gyroscope
+
+
+def _in_one_piece(odometry: PoseColumns, topic: str, remarks: list[str]) -> PoseColumns:
+    """The odometry as it goes on over resets and from one stretch to the next."""
+    ordered = odometry.take(np.argsort(odometry.stamps, kind="stable"))
+    breaks = [] if ordered.stretch is None else (np.flatnonzero(np.diff(ordered.stretch)) + 1).tolist()
+    whole = in_one_piece(ordered, topic, breaks)
+    remarks += whole.remarks[len(odometry.remarks) :]
+    return odometry if whole is ordered else whole
 
 
 def _unplaced(base: str, laser: str, transforms: Transforms) -> MclError:

@@ -49,7 +49,7 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     path = Path(path)
     with McapFile(path) as file:
         metadata = file.metadata()
-        drive = collect(file, names)
+        drive = collect(file, names, mend=schema.FAULTS not in metadata)  # those were made on purpose
         try:
             truth = _ground_truth(file.messages([schema.GROUND_TRUTH]).get(schema.GROUND_TRUTH), drive.clock)
             own = own_map(file, drive.origin["scan_topic"]) if grid is None else None

@@ -43,15 +43,16 @@ def find_odometry(
     names: Names,
     scans: ScanColumns,
     laser: str,
+    mend: bool,
 ) -> FoundOdometry:
     """The first of ``topics`` (Odometry, or transforms) that fits, else odom -> base among the transforms.
 
-    Where ``names`` does not ask for one, odometry that never moves though the scans change gives way to another, or to
+    With ``mend``, and where ``names`` does not ask for one, odometry that never moves though the scans change gives way to another, or to
     none. ``messages`` holds those of the first topic. Raises MclError if odometry that was asked for is not there.
     """
     found = _read(topics[0] if topics else None, messages, transforms, names, laser)
     asked = names.odom_topic is not None or names.odom_frame is not None
-    if found.odometry is None or asked or not (wrong := _dead(found.odometry)):
+    if found.odometry is None or asked or not mend or not (wrong := _dead(found.odometry)):
         return found
     for topic in (*topics[1:], schema.TF):
         if topic == schema.TF and not (topics and transforms.tells_odometry(names.base_frame or laser)):
