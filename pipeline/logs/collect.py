@@ -141,6 +141,10 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Dri
         origin["laser_at_centre"] = "no transform says where it is"
     about_place = transforms.remarks(laser, base) if names.laser_pose is None else []
     remarks = [*scans.remarks, *found.remarks, *about_place]
+    if others := [t for t in odom_topics if found.topic in odom_topics and t != found.topic and not found.remarks]:
+        remarks.append(
+            f"{found.topic} is the odometry, and not {shortened(others, 'topics')}; --odom-topic takes another"
+        )
     clock, scans, odometry, gyroscope = _in_one_time(scan_topic, scans, odometry, gyroscope, remarks)
     if odometry is not None and (mend or odometry.stretch is not None):
         odometry = _in_one_piece(odometry, found.topic, remarks)

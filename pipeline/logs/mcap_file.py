@@ -71,30 +71,24 @@ class McapFile:
 
     def messages(self, names: Collection[str]) -> dict[str, Messages]:
         """All messages of the topics named that the file has; topics without messages are left out."""
-        found: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
-        topics: dict[int, str] = {}
+        found: dict[str, tuple[list[int], list[int], list[bytes]]] = {}
         with self._damage():
             for _, channel, message in self._messages(list(names)):
-                if message.channel_id not in found:
-                    found[message.channel_id] = ([], [], [])
-                    topics[message.channel_id] = channel.topic
-                times, sequences, data = found[message.channel_id]
+                if (
+                    channel.topic not in found
+                ):  # which several may publish: their messages stay in the order of the file
+                    found[channel.topic] = ([], [], [])
+                times, sequences, data = found[channel.topic]
                 times.append(message.log_time)
                 sequences.append(message.sequence)
                 content = unpacked(message.data)
                 if channel.message_encoding == ros1.ENCODING:
                     content = self._as_ros2(content, channel.topic)
                 data.append(content)
-        result: dict[str, Messages] = {}
-        for channel_id, (times, sequences, data) in found.items():
-            name = topics[channel_id]
-            if name in result:  # two publishers of one topic
-                before = result[name]
-                times = before.log_times.tolist() + times
-                sequences = before.sequences.tolist() + sequences
-                data = before.data + data
-            stamps, numbers = np.array(times, dtype=np.int64), np.array(sequences, dtype=np.int64)
-            result[name] = Messages(self.topics[name], stamps, numbers, data)
+            result = {
+                name: Messages(self.topics[name], np.array(times, np.int64), np.array(sequences, np.int64), data)
+                for name, (times, sequences, data) in found.items()
+            }
         check_complete(self.path, self.topics, names, result)
         return result
 

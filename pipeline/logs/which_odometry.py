@@ -47,8 +47,9 @@ def find_odometry(
 ) -> FoundOdometry:
     """The first of ``topics`` (Odometry, or transforms) that fits, else odom -> base among the transforms.
 
-    With ``mend``, and where ``names`` does not ask for one, odometry that never moves though the scans change gives way to another, or to
-    none. ``messages`` holds those of the first topic. Raises MclError if odometry that was asked for is not there.
+    With ``mend``, and where ``names`` does not ask for one, odometry that never moves though the scans change gives way
+    to another, or to none. ``messages`` holds those of the first topic. Raises MclError if odometry that was asked for
+    is not there.
     """
     found = _read(topics[0] if topics else None, messages, transforms, names, laser)
     asked = names.odom_topic is not None or names.odom_frame is not None
