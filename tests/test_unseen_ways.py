@@ -67,6 +67,6 @@ def test_a_counter_that_is_restarted_costs_nothing_and_is_named(office: Log) -> 
     log = dataclasses.replace(office, odometry=odometry)
     result = localize(log, Config(), seed=1)
     assert right(log, result)[30:].all()
-    (leap,) = events(result, "leapt")
+    (leap,) = events(result, "slipped")
     assert f"at {office.times[200]:.1f} s" in leap
     assert events(result, "lost") == []

@@ -103,7 +103,7 @@ def _unseen(step: Step) -> list[Event]:
     """What is missing in the log before this scan, or wrong, so that nobody saw the robot's way."""
     gap, at = step.motion.gap, f"{step.time:.1f} s"
     events = [Event(fault.kind, fault.text, "WARN") for fault in step.motion.faults]
-    if gap is None:
+    if gap is None or gap.kind == "sparse":
         return events
     said = "the wheels say nothing" if gap.told is None else f"the wheels say {in_words(gap.told, 1)}"
     if gap.kind == "missing":

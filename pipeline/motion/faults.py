@@ -18,7 +18,7 @@ from pipeline.motion.laser_odometry import FASTEST, SPINNING
 from pipeline.motion.words import in_words
 
 Array = NDArray[np.float64]
-Kind = Literal["dead", "mirrored", "no_reverse", "scale", "late", "slipped", "restarted"]
+Kind = Literal["dead", "mirrored", "no_reverse", "scale", "late", "slipped", "restarted", "turned"]
 
 CHUNK = 1.0
 """s: steps are added up for so long before they are compared: short enough to be all forwards or all backwards, long
@@ -37,6 +37,8 @@ WRONG_WAY = 0.7
 """Share of the backing up that is told as forwards, from which on the wheels know no reverse. Wheels that do: 0."""
 SCALE = 0.12
 """By how much the wheels' metres must be off to be called wrong. In nine buildings they were within 4 %."""
+ENOUGH_TURNED, TURNED = 1.0, 0.5
+"""m^2, rad: steps told times steps seen, added up; and the angle between them from which on the mount is wrong."""
 STEADY = 0.97
 """Correlation of told and seen forward metres from which on their ratio is one: in eight of nine logs 0.995 or more."""
 SLIP_D, SLIP_A, SLIP_SHARE = 0.3, math.radians(20.0), 0.25
@@ -90,7 +92,8 @@ class Faults:
         self._silent_way = np.zeros(3)
         self._told = self._seen = np.zeros(3)
         self._seconds = 0.0
-        self._turns, self._ways, self._back = np.zeros(4), np.zeros(4), np.zeros(2)
+        self._turns, self._ways, self._back, self._aside = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros(3)
+        self._turned = False
         self._lags = _Lag()
 
     def update(self, step: Step) -> list[Fault]:
@@ -108,7 +111,9 @@ class Faults:
             if not self._odd:
                 self._learn(self._told, self._seen)
             self._begin_chunk()
-            named += [*spun, *self._mirror(step.time), *self._reverse(step.time), *self._metres(step.time)]
+            for lasting in (self._mirror, self._reverse, self._metres, self._mount):
+                spun += lasting(step.time)
+            named += spun
         if (lag := self._lags.update(step)) is not None:
             named += self._delay(step.time, *lag)
         return named
@@ -119,12 +124,21 @@ class Faults:
             told = told * [1.0, -1.0, -1.0]
         return told if self._scale == 1.0 else np.array([told[0] / self._scale, told[1] / self._scale, told[2]])
 
+    @property
+    def _mounted_backwards(self) -> bool:
+        """Whether the laser has not yet seen, when the wheels said forwards, that the robot drove forwards."""
+        slope, _, driven = _regression(self._ways)
+        return driven < ENOUGH_BACK or slope < 0.5
+
     def _begin_chunk(self) -> None:
         self._told = self._seen = np.zeros(3)
         self._seconds = 0.0
 
     def _learn(self, told: Array, seen: Array) -> None:
         drive, turn = abs(seen[0]), abs(seen[2])
+        # As complex numbers: the way that is seen, from the way that is told.
+        aside = complex(told[0], -told[1]) * complex(seen[0], seen[1])
+        self._aside = self._aside * math.exp(-drive / MEMORY_D) + [aside.real, aside.imag, abs(aside)]
         self._turns = self._turns * math.exp(-turn / MEMORY_A) + _products(told[2], seen[2])
         if seen[0] > 0.0:
             self._ways = self._ways * math.exp(-drive / MEMORY_D) + _products(told[0], seen[0])
@@ -133,7 +147,7 @@ class Faults:
             self._back = self._back * math.exp(-drive / MEMORY_D) + [drive, drive * forwards]
 
     def _slip(self, step: Step) -> list[Fault]:
-        if step.seen is None or self.dead or self.late:
+        if step.seen is None or self.dead or self.late or self._turned:
             return []
         told = self.mended(step.told)
         apart, turned = math.hypot(*(told - step.seen)[:2]), abs(float(wrap_angle(told[2] - step.seen[2])))
@@ -156,7 +170,7 @@ class Faults:
         self._odd = abs(apart) > ODD_D and seen[0] > -BACKING
         both, self._apart = self._apart + apart, apart
         was, self._spinning = self._spinning, abs(both) > SPUN_D and seen[0] > -BACKING
-        if was or not self._spinning or self.dead or self.late or self._reverses or driven < KNOWN_D:
+        if was or not self._spinning or self.dead or self.late or self._reverses or self._turned or driven < KNOWN_D:
             return []
         says = f"they say {in_words(told)} in the last of them, the laser {in_words(seen)}"
         return [Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")]
@@ -187,9 +201,28 @@ class Faults:
         )
         return [Fault("mirrored", text)]
 
+    def _mount(self, time: float) -> list[Fault]:
+        along, across, amount = self._aside.tolist()
+        angle, steady = math.atan2(across, along), math.hypot(along, across) > STEADY * amount
+        was = self._turned
+        self._turned = amount > ENOUGH_TURNED and (
+            (steady and abs(angle) > TURNED) or (was and abs(angle) > 0.5 * TURNED)
+        )
+        if was or not self._turned:
+            return []
+        aside = f"{abs(math.degrees(angle)):.0f} deg {'left' if angle > 0.0 else 'right'}"
+        text = (
+            f"The laser sees the robot drive {aside} of where the wheels say. That is plain at {time:.1f} s. "
+            "Is the laser mounted otherwise than the log says?"
+        )
+        return [Fault("turned", text)]
+
     def _reverse(self, time: float) -> list[Fault]:
         metres, forwards = self._back
-        was, self._reverses = self._reverses, bool(metres >= ENOUGH_BACK and forwards > WRONG_WAY * metres)
+        plain = (
+            metres >= ENOUGH_BACK and forwards > WRONG_WAY * metres and not (self._turned or self._mounted_backwards)
+        )
+        was, self._reverses = self._reverses, bool(plain)
         if was or not self._reverses:
             return []
         text = (
@@ -200,7 +233,7 @@ class Faults:
 
     def _metres(self, time: float) -> list[Fault]:
         slope, correlation, enough = _regression(self._ways)
-        if enough < ENOUGH_D or correlation < STEADY:
+        if enough < ENOUGH_D or correlation < STEADY or abs(math.atan2(self._aside[1], self._aside[0])) > 0.5 * TURNED:
             return []
         was, wrong = self._scale, abs(slope - 1.0) > SCALE
         self._scale = slope if wrong else 1.0

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 LONG, TIMES = 2.5, 5.0
 """s, and multiples of the usual time between two scans: a scan that comes later than both has a gap before it. Loggers
 pause for up to 1.4 s (Intel), and some recordings have a scan every five seconds."""
+MOMENT = 1.0
+"""s: between scans that are farther apart the robot may well have driven to where it sees other walls."""
 MOVED, TURNED = 0.3, 0.3
 """m, rad: wheels that say less stood still."""
 
@@ -26,10 +28,11 @@ class Gap:
     wheels say, None if they say nothing.
 
     ``kind``: "missing", there was no scan for a while; "unmatched", the laser sees walls that it has never seen, from
-    one scan to the next. ``bridged``: this scan shows walls that were seen before, so that the laser knows where it is.
+    one scan to the next; "sparse", the same where scans are so far apart that this is no wonder. ``bridged``: this scan
+    shows walls that were seen before, so that the laser knows where it is.
     """
 
-    kind: Literal["missing", "unmatched"]
+    kind: Literal["missing", "unmatched", "sparse"]
     seconds: float
     told: Array | None
     bridged: bool = False
@@ -38,7 +41,8 @@ class Gap:
     def driven(self) -> bool:
         """Whether the wheels say that the robot drove on unseen. Those of a robot that is carried stand still."""
         told = self.told
-        return self.kind == "missing" and told is not None and (math.hypot(*told[:2]) > MOVED or abs(told[2]) > TURNED)
+        moved = told is not None and (math.hypot(*told[:2]) > MOVED or abs(told[2]) > TURNED)
+        return self.kind == "sparse" or (self.kind == "missing" and moved)
 
 
 class Gaps:
@@ -59,5 +63,5 @@ class Gaps:
             # In a window as wide as it is after so long a time something always fits by chance.
             return Gap("missing", seconds, told, bridged=not parted and not now.wide and now.fit >= GOOD)
         if (parted or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
-            return Gap("unmatched", seconds, told)
+            return Gap("unmatched" if seconds < MOMENT else "sparse", seconds, told)
         return None

@@ -13,7 +13,7 @@ from pipeline.geometry import between, compose
 from pipeline.logs.messages import Laser, Scan
 from pipeline.motion.deskew import Deskewer
 from pipeline.motion.faults import Fault, Faults, Step, leap, leapt
-from pipeline.motion.gaps import Gap, Gaps
+from pipeline.motion.gaps import MOMENT, Gap, Gaps
 from pipeline.motion.laser_odometry import LaserOdometry, Match
 
 Array = NDArray[np.float64]
@@ -102,7 +102,8 @@ class Witnesses:
             if gap is not None and not gap.bridged and match.stretch == last.laser.stretch:
                 self._laser.begin_anew(ranges)
             if recorded is not None:
-                sound = known and last.laser.open is None and gap is None and min(match.fit, last.laser.fit) > SOUND
+                sound = known and last.laser.open is None and gap is None and seconds < MOMENT
+                sound &= min(match.fit, last.laser.fit) > SOUND
                 faults += self._faults.update(Step(scan.time, seconds, recorded, self._step if sound else None))
         odometry = self._odometry(scan, told, recorded)
         self._last = Motion(
