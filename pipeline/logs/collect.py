@@ -146,6 +146,8 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Dri
             f"{found.topic} is the odometry, and not {shortened(others, 'topics')}; --odom-topic takes another"
         )
     clock, scans, odometry, gyroscope = _in_one_time(scan_topic, scans, odometry, gyroscope, remarks)
+    if odometry is not None:
+        _check_clocks(scans.stamps, odometry.stamps)
     if odometry is not None and (mend or odometry.stretch is not None):
         odometry = _in_one_piece(odometry, found.topic, remarks)
     return Drive(scans, odometry, laser_in_base, origin, gyroscope, clock, tuple(dict.fromkeys(remarks)))
@@ -168,6 +170,19 @@ def _in_one_time(
         gyroscope = clock(gyroscope)
         gyroscope = gyroscope.take(np.argsort(gyroscope.stamps, kind="stable"))
     return clock, clock(scans), None if odometry is None else clock(odometry), gyroscope
+
+
+def _check_clocks(scans: NDArray[np.int64], odometry: NDArray[np.int64]) -> None:
+    first, last = odometry.min(), odometry.max()
+    if not ((scans >= first) & (scans <= last)).any():
+        raise MclError(
+            f"no scan lies within the odometry's time span: scans {_span(scans)}, odometry {_span(odometry)}",
+            "two clocks? then --stamps log takes when they were written down",
+        )
+
+
+def _span(stamps: NDArray[np.int64]) -> str:
+    return f"from {stamps.min() / 1e9:.3f} to {stamps.max() / 1e9:.3f} s"
 
 
 def _in_one_piece(odometry: PoseColumns, topic: str, remarks: list[str]) -> PoseColumns:

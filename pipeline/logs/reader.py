@@ -64,13 +64,6 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     poses, inside = np.zeros((len(stamps), 3)), np.ones(len(stamps), np.bool_)
     if odometry is not None:
         poses, inside = odometry_at(stamps, sequences, odometry)
-        if not inside.any():
-            raise MclError(
-                f"no scan lies within the odometry's time span: scans {_span(stamps)}, "
-                f"odometry {_span(odometry.stamps)}",
-                "two clocks? then --stamps log takes when they were written down",
-                path=path,
-            )
         sweeps = sweeps_of(laser, stamps[inside], poses[inside], odometry)
     turns = None if drive.gyroscope is None else turns_at(stamps[inside], drive.gyroscope, odometry)
     told = {"beam_times_unused": wrong_times} if wrong_times else {}
@@ -141,10 +134,6 @@ def _right_way_up(
         first, step, ranges, pace = first + (beams - 1) * step, -step, ranges[:, ::-1], -pace
     laser = Laser(pose, first, step, beams, scans.range_min, scans.range_max, pace + 0.0)  # no negative zero
     return laser, np.ascontiguousarray(ranges)
-
-
-def _span(stamps: NDArray[np.int64]) -> str:
-    return f"from {stamps.min() / 1e9:.3f} to {stamps.max() / 1e9:.3f} s"
 
 
 def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> NDArray[np.float32]:

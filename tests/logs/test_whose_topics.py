@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from drives import FRAMES, START, drive, moments, ordinary_drive, read, remarks, scan, steps
 
+from converters import convert
 from pipeline.errors import MclError
 from recordings import STORE, UPRIGHT, Recording, T, header, link, yaw
 
@@ -123,6 +124,8 @@ def test_a_base_with_a_clock_of_its_own(tmp_path: Path) -> None:
         scan(recording, moment)
     with pytest.raises(MclError, match=r"no scan lies within .*--stamps log"):
         read(recording, tmp_path)
+    with pytest.raises(MclError, match="no scan lies within"):  # not only when it is too late
+        convert([tmp_path / "drive.mcap"], tmp_path / "out.mcap")
     log = read(recording, tmp_path, stamps="log")
     np.testing.assert_allclose(log.odometry, read(ordinary_drive(), tmp_path).odometry, atol=1e-12)
 
