@@ -78,6 +78,13 @@ class Config(BaseModel):
     )
     laser_drift_a: NonNegative = Field(0.0025, description="How far its heading drifts in one metre: a deviation, rad.")
 
+    without: tuple[Literal["gaps", "faults", "loosely", "proposals", "deskewing"], ...] = Field(
+        (),
+        description="Parts of the motion model that are left out, to see what they are good for: gaps as events, "
+        "faults of the wheels, particles that follow the laser loosely, poses that the scan proposes, "
+        "beams put right in time.",
+    )
+
     # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")
     alpha2: NonNegative = Field(0.02, description="Variance of rotation from translation, rad^2/m^2.")

@@ -20,6 +20,7 @@ from pipeline.filter.step import Step
 from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
+from pipeline.motion.faults import KINDS
 from pipeline.recording.run_folder import RunFolder
 from pipeline.recording.sampling import draw
 
@@ -203,6 +204,11 @@ def _figures(log: Log, result: RunResult) -> dict[str, Any]:
         "explained": _explained(log, result),
         "explained_late": _explained_late(log, result),
         "particles": int(result.particles[-1]),
+        "faults": [
+            {"time": time, "kind": event.kind, "text": event.text}
+            for _, time, event in result.events
+            if event.kind in ("gap", *KINDS)
+        ],
     }
 
 

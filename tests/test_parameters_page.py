@@ -27,6 +27,8 @@ def kind(schema: dict[str, Any]) -> str:
         return f"{kind(schema['anyOf'][0])} or null"
     if "enum" in schema:
         return "choice"
+    if schema.get("type") == "array" and "enum" in schema.get("items", {}):
+        return "list"
     return {"boolean": "yes or no", "array": "3 numbers"}.get(schema["type"], schema["type"])
 
 
@@ -35,6 +37,8 @@ def bounds(schema: dict[str, Any]) -> str:
     if "enum" in one:
         return ", ".join(one["enum"])
     if one["type"] == "array":
+        if "items" in one:
+            return ", ".join(one["items"]["enum"])
         one = one["prefixItems"][0]
     least, most = one.get("minimum"), one.get("maximum")
     if most is not None:

@@ -112,7 +112,8 @@ class ParticleFilter:
         # Where the laser is heard, it says itself that the wheels slip.
         slipping = motion.laser is None and self._recovery.slipping
         unseen = prior.unseen
-        if unseen is None or unseen.reach < FAR or not self._sensor.searches:
+        proposes = self._sensor.searches and "proposals" not in self._config.without
+        if unseen is None or unseen.reach < FAR or not proposes:
             self._belief.advance(prior, reading, scan.index, slipping)
         else:
             self._advance_unseen(prior, unseen, reading, scan.index)

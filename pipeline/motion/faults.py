@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from pipeline.motion.words import in_words
 
 Array = NDArray[np.float64]
 Kind = Literal["dead", "mirrored", "no_reverse", "scale", "late", "slipped", "restarted", "turned"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 CHUNK = 1.0
 """s: steps are added up for so long before they are compared: short enough to be all forwards or all backwards, long

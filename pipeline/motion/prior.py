@@ -138,7 +138,7 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
     assert before.laser is not None
     exactly = _helped(seen, other, before.laser, now.laser)
     loosely = _by_table(np.zeros(3), exactly.step, LOOSELY, config)
-    most = (1.0 - share) * config.laser_share
+    most = (1.0 - share) * (1.0 if "loosely" in config.without else config.laser_share)
     lasers = _shared([exactly], most) + _shared([loosely], 1.0 - share - most)
     return Prior((*lasers, *_shared(others, share)), disagreement)
 

@@ -66,6 +66,7 @@ class Witnesses:
             LaserOdometry(laser, config.laser_max_range) if config.odometry != "wheels" or not wheels else None
         )
         self._deskewer = Deskewer(laser)
+        self._without = config.without
         self._last: Motion | None = None
         self._gaps = Gaps()
         self._faults = Faults()
@@ -82,7 +83,7 @@ class Witnesses:
         faults, recorded, told = list[Fault](), None, None
         if self._wheels and last is not None:
             recorded = between(self._recorded, scan.odometry)
-            if leapt(recorded, seconds):
+            if leapt(recorded, seconds) and "faults" not in self._without:
                 faults, recorded = [leap(scan.time, recorded, scan.odometry)], None
             elif not self._faults.dead:
                 told = self._faults.mended(recorded)
@@ -98,10 +99,10 @@ class Witnesses:
             pose = compose(last.pose, self._step)
             known = match.open is None and match.stretch == last.laser.stretch
             self._blind = 0.0 if known else self._blind + seconds
-            gap = self._gaps.update(seconds, told, last.laser, match)
+            gap = None if "gaps" in self._without else self._gaps.update(seconds, told, last.laser, match)
             if gap is not None and not gap.bridged and match.stretch == last.laser.stretch:
                 self._laser.begin_anew(ranges)
-            if recorded is not None:
+            if recorded is not None and "faults" not in self._without:
                 sound = known and last.laser.open is None and gap is None and seconds < MOMENT
                 sound &= min(match.fit, last.laser.fit) > SOUND
                 faults += self._faults.update(Step(scan.time, seconds, recorded, self._step if sound else None))
@@ -138,7 +139,13 @@ class Witnesses:
         Without them only the steps before would tell, which was measured not to help (docs/motion.md).
         """
         laser = self._laser
-        if self._deskewer.duration == 0.0 or not self._wheels or scan.sweep is None or laser is None:
+        if (
+            "deskewing" in self._without
+            or self._deskewer.duration == 0.0
+            or not self._wheels
+            or scan.sweep is None
+            or laser is None
+        ):
             return scan.ranges
         return self._deskewer(scan.ranges, scan.sweep, lambda ranges: laser.fit(ranges, guess))
 

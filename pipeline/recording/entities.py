@@ -53,6 +53,7 @@ HEADS = "/motion/robots"
 APART = "/curves/apart"
 FIT = "/curves/fit"
 FOLLOWED = "/curves/followed"
+WON = "/states/motion"  # which component of the motion prior most of the belief follows
 
 # The viewer writes these two names into the legend.
 WEIGHTS = "/weights/percent_of_particles"

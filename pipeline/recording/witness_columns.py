@@ -36,6 +36,7 @@ def witness_columns(rows: Sequence[Row], *, shown: bool, silent: Sequence[float]
         (entities.WALLS, index, transforms(np.stack([h.frame for h in heard]), z=-0.03)),
         *_apart(rows),
         *_followed(rows),
+        *_won(rows),
         *_walls(rows),
         *_said(rows, shown),
         *(curve_stops(entity, silent) for entity in CURVES if silent and (entity != entities.APART or wheels)),
@@ -104,6 +105,13 @@ def _apart(rows: Sequence[Row]) -> list[Columns]:
 def _followed(rows: Sequence[Row]) -> list[Columns]:
     told = [(s, h.followed) for s, h in rows if h.followed is not None]
     return [(entities.FOLLOWED, _index([s for s, _ in told]), _scalars([v for _, v in told]))] if told else []
+
+
+def _won(rows: Sequence[Row]) -> list[Columns]:
+    told = [(s, h.won) for s, h in rows if h.won is not None]
+    if not told:
+        return []
+    return [(entities.WON, _index([s for s, _ in told]), list(rr.StateChange.columns(state=[w for _, w in told])))]
 
 
 def _walls(rows: Sequence[Row]) -> list[Columns]:

@@ -89,4 +89,6 @@ def motion_tab(area: Area, *, wheels: bool = True) -> rrb.Container:
         curves(names[1], entities.FOLLOWED, most=1.0, around=AROUND),
     ]
     title = "Wheels and laser" if wheels else "The way by the laser"
-    return rrb.Vertical(rrb.Horizontal(paths, close), rrb.Horizontal(*told), row_shares=[3, 1], name=title)
+    won = rrb.StateTimelineView(origin=entities.WON, name="Whom most of the belief follows")
+    below = rrb.Horizontal(*told)
+    return rrb.Vertical(rrb.Horizontal(paths, close), won, below, row_shares=[12, 2, 4], name=title)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.filter.step import Step
 from pipeline.geometry import between, compose, inverse, wrap_angle
 from pipeline.logs.messages import Laser
-from pipeline.motion.prior import AGREE
+from pipeline.motion.prior import AGREE, UNSEEN, UNSEEN_BY_WHEELS
 from pipeline.recording import palette
 
 Array = NDArray[np.float64]
@@ -61,6 +61,7 @@ class Heard:
     fits: tuple[float, ...]
     apart: float | None
     followed: tuple[float, float] | None
+    won: str | None
     walls: Array | None
     frame: Array
     said: Said | None
@@ -82,6 +83,7 @@ class Hearing:
         self._walls: NDArray[np.float32] | None = None
         self._changed = False
         self._mark: tuple[int, bytes] = (0, b"")
+        self._way = ""
 
     def hear(self, step: Step, joined: bool) -> Heard | None:
         """Take note of a step, which ``joined`` the estimate before without a jump; None if only wheels are heard."""
@@ -98,12 +100,25 @@ class Hearing:
             fits=(match.fit, match.fit_as_told) if self._wheels else (match.fit,),
             apart=_apart(step),
             followed=_followed(step),
+            won=self._won(step),
             walls=None if walls is None else walls.astype(np.float64),
             frame=inverse(compose(match.pose, self._mount)),
             said=self._said(step, joined),
         )
         self._last = (step, now)
         return heard
+
+    def _won(self, step: Step) -> str | None:
+        """How the robot moved, as most of the belief has it, if it is another way than before."""
+        if step.prior is None or step.followed is None:
+            return None
+        gap = step.motion.unseen
+        names = [component.name for component in step.prior.components]
+        won = "carried?" if gap is not None and not gap.driven else _in_short(names[int(np.argmax(step.followed))])
+        if won == self._way:
+            return None
+        self._way = won
+        return won
 
     def _believed(self, step: Step, joined: bool) -> Array:
         """As far as the belief knows where it is; else as dead reckoning says."""
@@ -195,3 +210,12 @@ def _broken(first: Step, now: Step) -> bool:
     assert first.motion.laser is not None
     assert now.motion.laser is not None
     return first.motion.laser.stretch != now.motion.laser.stretch
+
+
+def _in_short(component: str) -> str:
+    """The name of a component for a line of states: only who is believed, not with which noise."""
+    if component == UNSEEN:
+        return "nobody saw"
+    if component == UNSEEN_BY_WHEELS:
+        return "wheels, roughly"
+    return component.partition(",")[0]
