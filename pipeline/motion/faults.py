@@ -236,7 +236,8 @@ class Faults:
         slope, correlation, enough = _regression(self._ways)
         if enough < ENOUGH_D or correlation < STEADY or abs(math.atan2(self._aside[1], self._aside[0])) > 0.5 * TURNED:
             return []
-        was, wrong = self._scale, abs(slope - 1.0) > SCALE
+        was = self._scale
+        wrong = abs(slope - 1.0) > (SCALE if was == 1.0 else 0.5 * SCALE)
         self._scale = slope if wrong else 1.0
         if was != 1.0 or not wrong:
             return []
@@ -244,7 +245,8 @@ class Faults:
         return [Fault("scale", text)]
 
     def _delay(self, time: float, lag: float, deviation: float) -> list[Fault]:
-        was, self.late = self.late, lag if abs(lag) - 2.0 * deviation > LATE else 0.0
+        was = self.late
+        self.late = lag if abs(lag) - 2.0 * deviation > (0.5 * LATE if was else LATE) else 0.0
         if was or not self.late:
             return []
         way = "behind" if lag > 0.0 else "ahead of"
