@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from converters.beesoft import is_beesoft
 from converters.map_files import HEAD, convert_map, read_map
 from converters.report import ConversionReport
-from converters.text import read_bytes
+from converters.text import read_head
 from pipeline.errors import MclError
 from pipeline.logs.faults import Fault
 from pipeline.logs.recorded import Names
@@ -48,32 +49,31 @@ def convert(
     turn. That is a kidnapping; merely deleting lines is not, for the odometry after the gap would tell
     the filter how far the robot went. ``join`` treats the joint between two logs the same way, 1 s apart: the
     robot was switched off, carried, and switched on. ``ground_truth``: a TUM file of base_link in the map, its
-    stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag. ``without_odometry``: leave
-    out what the wheels said, as if nobody had recorded it; the scans keep their stamps, the laser its place on the
-    robot. ``faults``: to be made in it, where they do not say by ``seed``. Raises MclError for input of no known format
-    and for whatever is wrong in it.
+    stamps those of the output, or a topic of a bag. ``names``: topics and frames of a bag, and what a log lacks.
+    ``without_odometry``: leave out what the wheels said, as if nobody had recorded it; the scans keep their stamps, the
+    laser its place on the robot. ``faults``: to be made in it, where they do not say by ``seed``. Raises MclError for
+    input of no known format and for whatever is wrong in it.
     """
     sources = [Path(source) for source in sources]
     if not sources:
         raise MclError("no log to convert")
     if len(sources) > 1 and not join:
         raise MclError(f"{len(sources)} logs given, one expected", "--join puts them one after the other")
-    kinds = [_format_of(source) for source in sources]
+    kinds = [format_of(source) for source in sources]
     for source, kind in zip(sources, kinds, strict=True):
         if kind is not kinds[0]:
             raise MclError(f"a {kind.DESCRIPTION} cannot be joined to a {kinds[0].DESCRIPTION}", path=source)
     options: dict[str, Any] = {"map_path": map_path, "drop": drop, "ground_truth": ground_truth}
-    options |= {"without_odometry": without_odometry, "faults": faults, "seed": seed}
-    if names is not None and names != Names():
-        if kinds[0].FORMAT != "rosbag":
-            raise MclError(f"a {kinds[0].DESCRIPTION} has no topics and frames to choose", path=sources[0])
-        options["names"] = names
+    options |= {"without_odometry": without_odometry, "names": names, "faults": faults, "seed": seed}
+    if kinds[0].FORMAT != "rosbag" and names is not None and replace(names, laser_pose=None) != Names():
+        raise MclError(f"a {kinds[0].DESCRIPTION} has no topics, frames and clocks to choose", path=sources[0])
     report: ConversionReport = kinds[0].convert(sources, Path(output), **options)
     return report
 
 
-def _format_of(path: Path) -> ModuleType:
-    head = b"" if path.is_dir() else read_bytes(path)[:HEAD]
+def format_of(path: Path) -> ModuleType:
+    """The module that reads a raw log. Raises MclError if there is none, for a map, and for what `convert` wrote."""
+    head = b"" if path.is_dir() else read_head(path, HEAD)
     if is_beesoft(head):
         raise MclError("this is a beesoft map, not a log", "give it with --map", path=path)
     for kind in formats():

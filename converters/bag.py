@@ -10,30 +10,32 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.bag_file import BagFile, is_bag
+from converters.bag_file import is_bag, open_recording
 from converters.bag_truth import read_truth
 from converters.map_files import read_map
 from converters.report import LEFT_OUT, ConversionReport
-from converters.segments import Segment, continue_odometry, move, to_metadata
+from converters.segments import Segment, to_metadata
 from converters.text import sha256
 from pipeline import __version__
 from pipeline.errors import MclError
 from pipeline.logs import schema
-from pipeline.logs.collect import Drive, collect, find, mark_no_return
+from pipeline.logs.choice import find
+from pipeline.logs.collect import Drive, collect, mark_no_return
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
 from pipeline.logs.decode import decode_grid
 from pipeline.logs.disturbed import disturbed_columns
 from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
-from pipeline.logs.recorded import Names, describe
+from pipeline.logs.odometry import continue_odometry, move
+from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe
+from pipeline.logs.stretches import as_record, begins_after, stretches_of
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import write_log
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -72,13 +74,15 @@ def convert(
     if len(sources) != 1:
         raise MclError("bags cannot be joined", "convert them one by one")
     source = sources[0]
-    with _open(source) as recorded:
+    with open_recording(source) as opened:
+        recorded: Recorded = ByLogTime(opened) if names is not None and names.stamps == "log" else opened
         drive = collect(recorded, names)
         truth = None
         if ground_truth is not None:
             by_topic = str(ground_truth) in recorded.topics and not ground_truth.exists()
             truth = read_truth(recorded, str(ground_truth), drive) if by_topic else _truth_file(ground_truth, recorded)
-        grid, map_record = _map(recorded, map_path)
+        grid, map_record = _map(recorded, map_path, drive)
+        remarks = (*drive.remarks, *(grid.remarks if grid is not None and map_path is None else ()))
     scans, odometry, segments, kidnapped = _arrange(drive, drop, source)
     lines = len(drive.scans) + (0 if drive.odometry is None else len(drive.odometry))
     dropped = lines - len(scans) - (0 if odometry is None else len(odometry))
@@ -96,9 +100,15 @@ def convert(
         record["odometry"], odometry = LEFT_OUT, None
     if ground_truth is not None:
         record["ground_truth_from"] = ground_truth.name if ground_truth.exists() else str(ground_truth)
+    if len(drive.clock.begins) > 1:
+        kidnapped = sorted({*kidnapped, *begins_after(scans.stamps, stretches_of(scans.stamps, drive.clock.begins))})
     if kidnapped:
         record["kidnapped_at"] = json.dumps(kidnapped)
+    if remarks:
+        record["remarks"] = json.dumps(remarks)
     metadata = {schema.SOURCE: record}
+    if len(drive.clock.begins) > 1:
+        metadata[schema.STRETCHES] = as_record(drive.clock.begins)
     if segments:
         metadata[schema.SEGMENTS] = to_metadata(segments)
     if map_record:
@@ -127,29 +137,22 @@ def convert(
         output=output,
         size=output.stat().st_size,
         unit="messages",
+        remarks=remarks,
         faults=[fault.text for fault in made],
     )
 
 
-def _open(source: Path) -> AbstractContextManager[BagFile | McapFile]:
-    if source.is_file():
-        with source.open("rb") as file:
-            if file.read(len(MAGIC)) == MAGIC:
-                return McapFile(source)
-    return BagFile(source)
-
-
-def _map(recorded: BagFile | McapFile, path: Path | None) -> tuple[OccupancyGrid | None, dict[str, str]]:
+def _map(recorded: Recorded, path: Path | None, drive: Drive) -> tuple[OccupancyGrid | None, dict[str, str]]:
     """The map given, or the bag's own, and where it is from."""
     if path is not None:
         return read_map(path), {"file": Path(path).name, "sha256": sha256(path)}
-    topic = find(recorded, schema.GRID_TYPE)
+    topic = find(recorded, schema.GRID_TYPE, beside=drive.origin["scan_topic"])
     if topic is None:
         return None, {}
     return decode_grid(recorded.messages([topic])[topic]), {"topic": topic}
 
 
-def _truth_file(path: Path, recorded: BagFile | McapFile) -> Trajectory:
+def _truth_file(path: Path, recorded: Recorded) -> Trajectory:
     if not path.exists() and str(path).startswith("/") and not path.suffix:
         raise MclError(f"no topic {path} in this file: {describe(recorded.topics)}", path=recorded.path)
     return read_tum(path)
@@ -162,7 +165,7 @@ def _arrange(
 
     Also the stretches that are left, and when (seconds since the first scan) all but the first of them begin.
     """
-    scans = replace(mark_no_return(drive.scans), frame=schema.LASER_FRAME, resampled=0)
+    scans = replace(mark_no_return(drive.scans), frame=schema.LASER_FRAME, resampled=0, stretch=None)
     scans = _scans_at(scans, np.argsort(scans.stamps, kind="stable"))
     start = _start(drive)
     kept_scans = np.flatnonzero(_kept(scans.stamps - start, drop))
@@ -171,7 +174,7 @@ def _arrange(
         scans = _scans_at(scans, kept_scans)
         resumed = np.flatnonzero(np.diff(kept_scans) > 1) + 1
         return scans, None, [], ((scans.stamps[resumed] - scans.stamps[0]) / 1e9).tolist()
-    odometry = replace(drive.odometry, frame=schema.ODOM_FRAME, child_frame=schema.BASE_FRAME)
+    odometry = replace(drive.odometry, frame=schema.ODOM_FRAME, child_frame=schema.BASE_FRAME, stretch=None)
     odometry = _poses_at(odometry, np.argsort(odometry.stamps, kind="stable"))
     kept = np.flatnonzero(_kept(odometry.stamps - start, drop))
     _check_left(kept_scans, source)

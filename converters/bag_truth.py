@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 from pipeline.geometry import compose
 from pipeline.logs import schema
+from pipeline.logs.choice import of_robot
 from pipeline.logs.collect import Drive
 from pipeline.logs.columns import PoseColumns
 from pipeline.logs.decode import decode_odometry, decode_poses, decode_stamped_poses
@@ -41,19 +42,20 @@ def read_truth(recorded: Recorded, topic: str, drive: Drive) -> Trajectory:
             f"expected messages of {', '.join(read)}, or {schema.TF}",
             path=recorded.path,
         )
-    poses: PoseColumns = read[kind](recorded.messages([topic])[topic])
+    poses: PoseColumns = drive.clock(read[kind](recorded.messages([topic])[topic]))
     return _trajectory(poses.stamps, poses.planar, poses.frame)
 
 
 def _from_transforms(recorded: Recorded, drive: Drive) -> Trajectory:
-    transforms = Transforms(recorded)
+    said = [t.name for t in recorded.topics.values() if t.type == schema.TF_TYPE]
+    transforms = Transforms(recorded, of_robot(recorded, drive.origin["scan_topic"], said))
     odom, base, _ = drive.origin["frames"].split(" -> ")
     if drive.odometry is None:  # then what is above the robot's centre is the map
         odom = base
     links = {**transforms.moving, **transforms.static}
     if odom not in links:
         raise MclError(f"no transform from a map to {odom!r}: {transforms.describe()}", path=recorded.path)
-    link = links[odom]
+    link = drive.clock(links[odom])
     order = np.argsort(link.stamps, kind="stable")
     stamps, places = link.stamps[order], link.planar[order]
     if drive.odometry is None:

@@ -22,8 +22,8 @@ from converters import beesoft
 from converters.cmu_text import BEAMS, MAX_RANGE_CM, MAX_STAMP, CmuLog, format_lines, is_log_text, parse_log_text
 from converters.map_files import HEAD, map_bytes, read_map
 from converters.report import LEFT_OUT, ConversionReport
-from converters.segments import Segment, continue_odometry, from_metadata, move, move_back, to_metadata
-from converters.text import read_bytes, sha256, write_text
+from converters.segments import Segment, from_metadata, move_back, to_metadata
+from converters.text import read_log_bytes, sha256, write_text
 from pipeline import __version__
 from pipeline.errors import MclError
 from pipeline.geometry import Pose, wrap_angle
@@ -33,6 +33,9 @@ from pipeline.logs.decode import decode_odometry, decode_poses, decode_scans
 from pipeline.logs.disturbed import disturbed_columns
 from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import McapFile
+from pipeline.logs.odometry import continue_odometry, move
+from pipeline.logs.recorded import Names
+from pipeline.logs.stretches import GAP, as_record
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import unpack_grid, write_log
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -58,19 +61,26 @@ def convert(
     map_path: Path | None = None,
     drop: Sequence[tuple[float, float]] = (),
     ground_truth: Path | None = None,
+    names: Names | None = None,
     without_odometry: bool = False,
     faults: Sequence[Fault] = (),
     seed: int = 0,
 ) -> ConversionReport:
     """Writes ``output`` from one log, or from several one after the other; see ``converters.convert``."""
-    texts = [read_bytes(source) for source in sources]
-    logs = [parse_log_text(text, source) for text, source in zip(texts, sources, strict=True)]
+    read = [read_log_bytes(source) for source in sources]
+    texts = [text for text, _ in read]
+    logs = [parse_log_text(text, source, said) for (text, said), source in zip(read, sources, strict=True)]
     total = sum(map(len, logs))
+    of_source = [f"{source.name}: " if len(sources) > 1 else "" for source in sources]
+    remarks = tuple(source + said for log, source in zip(logs, of_source, strict=True) for said in log.remarks)
     truth = None if ground_truth is None else read_tum(ground_truth)
     grid, map_record, attachments = _read_map(map_path)
 
-    log, segments = _arrange(logs, drop, sources)
+    log, segments, begins = _arrange(logs, drop, sources)
     laser_pose, measured = _laser_pose(log)
+    laser_pose_from = "the log's own laser poses (median)" if measured else "the course's instructions"
+    if names is not None and names.laser_pose is not None:
+        laser_pose, laser_pose_from = names.laser_pose, "what was said of it"
     scans, odometry, lasers = _columns(log, segments)
     verbatim = _unfaithful_lines(_restore(scans, odometry, lasers, segments), segments, texts)
     given = None if without_odometry else odometry
@@ -90,7 +100,7 @@ def convert(
         "dropped_lines": str(total - len(log)),
         "dropped_intervals_s": json.dumps([list(interval) for interval in drop]),
         "laser_pose": json.dumps(laser_pose),
-        "laser_pose_from": "the log's own laser poses (median)" if measured else "the course's instructions",
+        "laser_pose_from": laser_pose_from,
     }
     if len(segments) > 1:
         record["odometry"] = "goes on from where it stood across every gap: see mcl:segments for the source's own"
@@ -98,7 +108,11 @@ def convert(
         record["kidnapped_at"] = json.dumps(((log.stamps[starts] - log.stamps[log.is_scan][0]) / 1e9).tolist())
     if without_odometry:
         record["odometry"] = LEFT_OUT
+    if remarks:
+        record["remarks"] = json.dumps(remarks)
     metadata = {schema.SOURCE: record, schema.SEGMENTS: to_metadata(segments)}
+    if len(begins) > 1:
+        metadata[schema.STRETCHES] = as_record(begins)
     if made:
         metadata[schema.FAULTS] = note(made)
     if map_record:
@@ -123,6 +137,7 @@ def convert(
         duration=float(log.stamps[-1] - log.stamps[0]) / 1e9,
         output=output,
         size=output.stat().st_size,
+        remarks=remarks,
         faults=[fault.text for fault in made],
     )
 
@@ -137,6 +152,8 @@ def export_raw(mcap: Path, log_out: Path, map_out: Path | None = None) -> list[P
     """
     with McapFile(mcap) as file:
         metadata = file.metadata()
+        if file.remarks:
+            raise MclError(file.remarks[0], path=mcap)
         if metadata.get(schema.SOURCE, {}).get("format") != FORMAT:
             raise MclError(f"not made from a {DESCRIPTION}: there is no raw log to give back", path=mcap)
         if schema.ODOMETRY not in file.topics:
@@ -176,20 +193,23 @@ def export_raw(mcap: Path, log_out: Path, map_out: Path | None = None) -> list[P
 
 def _arrange(
     logs: Sequence[CmuLog], drop: Sequence[tuple[float, float]], sources: Sequence[Path]
-) -> tuple[CmuLog, list[Segment]]:
-    """All logs as one, stamps following each other, without what is to be dropped; and the stretches it consists of."""
+) -> tuple[CmuLog, list[Segment], NDArray[np.int64]]:
+    """All logs as one, stamps following each other, without what is to be dropped; the stretches it consists of; and
+    when (ns) those begin before which a clock began anew, within a log."""
+    parts = [(k, part) for k, log in enumerate(logs) for part in log.stretches()]
     shifts, offsets = [0], [0]
-    for before, log in pairwise(logs):
-        shifts.append(int(before.stamps[-1]) + shifts[-1] + JOIN_GAP - int(log.stamps[0]))
-        offsets.append(int(before.lines[-1]) + offsets[-1])
-    source = np.repeat(np.arange(len(logs)), [len(log) for log in logs])
+    for (k, before), (number, log) in pairwise(parts):
+        gap = GAP if number == k else JOIN_GAP
+        shifts.append(int(before.stamps[-1]) + shifts[-1] + gap - int(log.stamps[0]))
+        offsets.append(offsets[-1] if number == k else int(before.lines[-1]) + offsets[-1])
+    part_of = np.repeat(np.arange(len(parts)), [len(log) for _, log in parts])
     joined = CmuLog(
-        np.concatenate([log.lines + offset for log, offset in zip(logs, offsets, strict=True)]),
-        np.concatenate([log.is_scan for log in logs]),
-        np.concatenate([log.stamps + shift for log, shift in zip(logs, shifts, strict=True)]),
-        np.concatenate([log.poses for log in logs]),
-        np.concatenate([log.laser_poses for log in logs]),
-        np.concatenate([log.ranges for log in logs]),
+        np.concatenate([log.lines + offset for (_, log), offset in zip(parts, offsets, strict=True)]),
+        np.concatenate([log.is_scan for _, log in parts]),
+        np.concatenate([log.stamps + shift for (_, log), shift in zip(parts, shifts, strict=True)]),
+        np.concatenate([log.poses for _, log in parts]),
+        np.concatenate([log.laser_poses for _, log in parts]),
+        np.concatenate([log.ranges for _, log in parts]),
     )
     if int(joined.stamps[-1]) > MAX_STAMP:
         raise MclError("the joined logs last too long for ROS 2 stamps", path=sources[-1])
@@ -202,14 +222,16 @@ def _arrange(
     if not (keep & joined.is_scan).any():
         raise MclError("nothing is left: every scan lies in what is to be dropped", path=sources[0])
     kept = np.flatnonzero(keep)
-    log, source = joined.take(keep), source[keep]
-    starts = [0, *(np.flatnonzero((np.diff(kept) > 1) | (np.diff(source) > 0)) + 1).tolist()]
+    log, part_of = joined.take(keep), part_of[keep]
+    starts = [0, *(np.flatnonzero((np.diff(kept) > 1) | (np.diff(part_of) > 0)) + 1).tolist()]
     motions = continue_odometry(_metres(log.poses), starts)
     segments = []
     for start, motion in zip(starts, motions, strict=True):
-        k = int(source[start])
-        segments.append(Segment(k, int(log.lines[start]), offsets[k], shifts[k], motion))
-    return log, segments
+        k = int(part_of[start])
+        segments.append(Segment(parts[k][0], int(log.lines[start]), offsets[k], shifts[k], motion))
+    anew = [k for k in range(1, len(parts)) if parts[k][0] == parts[k - 1][0]]
+    begins = [int(log.stamps[0]), *(int(parts[k][1].stamps[0]) + shifts[k] for k in anew)]
+    return log, segments, np.array(begins, np.int64)
 
 
 def _columns(log: CmuLog, segments: Sequence[Segment]) -> tuple[ScanColumns, PoseColumns, PoseColumns]:

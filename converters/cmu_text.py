@@ -8,20 +8,27 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from converters.text import read_bytes, write_text
+from converters.text import begins_anew, in_order, measured, read_log_bytes, settle, write_text
 from pipeline.errors import MclError
+from pipeline.logs.sound import FARTHEST
 from pipeline.logs.stamps import format_stamp, parse_stamp
+from pipeline.logs.stretches import numbered
 
 BEAMS = 180
 NO_RETURN_CM = 8191.0
 MAX_RANGE_CM = 8182.0  # 8183, 8187, 8189 and 8191 are the codes of readings without return
 MAX_STAMP = (2**31 - 1) * 1_000_000_000  # seconds are a signed 32-bit number in ROS 2
+FARTHEST_CM = 100 * FARTHEST
+MAX_TURN = 1e4  # rad: who turned farther never turned
+_COMMENTS = (b"#", b"%", b"//")
 _COUNTS = {b"O": 4, b"L": 7 + BEAMS}
 _LINE = re.compile(rb"^[ \t]*[OL][ \t]", re.MULTILINE)
 
@@ -32,7 +39,8 @@ class CmuLog:
 
     ``lines`` (n,) 1-based line numbers in the file; ``is_scan`` (n,); ``stamps`` (n,) int64 ns;
     ``poses`` (n, 3) robot, ``laser_poses`` (m, 3) laser, both cm, cm, rad in the odometry frame, as
-    written; ``ranges`` (m, 180) float64 cm as written, codes of readings without return included.
+    written; ``ranges`` (m, 180) float64 cm as written, codes of readings without return included. ``restarts``: rows
+    before which the clock began anew; between them stamps never decrease. ``remarks``: what was left out or changed.
     """
 
     lines: NDArray[np.int64]
@@ -41,12 +49,14 @@ class CmuLog:
     poses: NDArray[np.float64]
     laser_poses: NDArray[np.float64]
     ranges: NDArray[np.float64]
+    restarts: tuple[int, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.stamps)
 
     def take(self, keep: NDArray[np.bool_]) -> CmuLog:
-        """The lines where ``keep`` (n,) is true."""
+        """The lines where ``keep`` (n,) is true, without regard to restarts."""
         scans = keep[self.is_scan]
         return CmuLog(
             self.lines[keep],
@@ -57,6 +67,11 @@ class CmuLog:
             self.ranges[scans],
         )
 
+    def stretches(self) -> list[CmuLog]:
+        """The parts between restarts of the clock."""
+        number = np.searchsorted(self.restarts, np.arange(len(self)), side="right")
+        return [self.take(number == k) for k in range(len(self.restarts) + 1)]
+
 
 def is_log_text(head: bytes) -> bool:
     """Whether the first bytes of a text file look like an O/L log."""
@@ -66,44 +81,48 @@ def is_log_text(head: bytes) -> bool:
 def read_log_text(path: Path) -> CmuLog:
     """Reads a log, plain or gzipped; stamps exact to the nanosecond.
 
-    Raises MclError with file and line for an unknown line type, a wrong count of numbers (a cut
-    line), anything that is not a finite number, a negative stamp, and time running backwards.
+    Comments (#, %, //) are skipped. Lines of an unknown type or with a wrong count of numbers, with what is no number
+    that a robot measures, and a last line that is cut are left out while they are few; else MclError names the first.
+    Where stamps run backwards a little they give way to the order of the lines; by more the clock begins anew.
     """
-    return parse_log_text(read_bytes(path), path)
+    data, remarks = read_log_bytes(path)
+    return parse_log_text(data, path, remarks)
 
 
-def parse_log_text(data: bytes, path: Path) -> CmuLog:
-    """The same from bytes that are already unpacked; ``path`` names them in errors."""
+def parse_log_text(data: bytes, path: Path, remarks: Sequence[str] = ()) -> CmuLog:
+    """The same from bytes that are already unpacked; ``path`` names them in errors, ``remarks`` are what is known."""
     lines: list[int] = []
     is_scan: list[bool] = []
     stamps: list[int] = []
     odometry: list[list[float]] = []
     scans: list[list[float]] = []
+    errors: list[MclError] = []
+    number = 0
     for number, line in enumerate(data.split(b"\n"), start=1):
         tokens = line.split()
-        if not tokens:
+        if not tokens or tokens[0].startswith(_COMMENTS):
             continue
-        kind = tokens[0]
-        if kind not in _COUNTS:
-            raise MclError(f"unknown line type {_show(kind)}, expected O or L", _hint(line), path=path, line=number)
-        if len(tokens) - 1 != _COUNTS[kind]:
-            raise MclError(_wrong_count(kind, len(tokens) - 1), path=path, line=number)
-        values, stamp = _numbers(tokens, path, number)
-        if stamps and stamp < stamps[-1]:
-            before = format_stamp(stamps[-1], 6)
-            raise MclError(f"time runs backwards: {format_stamp(stamp, 6)} after {before}", path=path, line=number)
+        try:
+            kind = _checked_kind(tokens, line, path, number)
+            values, stamp = _numbers(tokens, path, number)
+        except MclError as error:
+            errors.append(error)
+            continue
         lines.append(number)
         is_scan.append(kind == b"L")
         stamps.append(stamp)
         odometry.append(values[:3])
-        if kind == b"L":
-            scans.append(values[3:])
-    if not data.endswith(b"\n") and _stamp_is_cut(data):
-        raise MclError("the last line is cut in the middle of its stamp", path=path, line=lines[-1])
-    if not scans:
-        raise MclError("no laser scans (L lines) in this log", path=path)
-    laser = np.array(scans, dtype=np.float64)
-    return CmuLog(
+        scans.append(values[3:])
+    unfinished = number if not data.endswith(b"\n") else None
+    if unfinished is not None and lines and lines[-1] == number and _stamp_is_cut(data):
+        errors.append(MclError("the last line is cut in the middle of its stamp", path=path, line=number))
+        for column in (lines, is_scan, stamps, odometry, scans):
+            column.pop()
+    said = [*remarks, *settle(errors, len(lines) + len(errors), unfinished)]
+    if not any(is_scan):
+        raise MclError("no laser scans (L lines) in this log", "; ".join(said), path=path)
+    laser = np.array([values for values, scan in zip(scans, is_scan, strict=True) if scan], dtype=np.float64)
+    log = CmuLog(
         np.array(lines, dtype=np.int64),
         np.array(is_scan, dtype=np.bool_),
         np.array(stamps, dtype=np.int64),
@@ -111,6 +130,28 @@ def parse_log_text(data: bytes, path: Path) -> CmuLog:
         laser[:, :3],
         laser[:, 3:],
     )
+    return _in_time(log, said)
+
+
+def _in_time(log: CmuLog, remarks: list[str]) -> CmuLog:
+    """The log with stamps that do not decrease but where the clock begins anew."""
+    number = numbered(log.stamps)
+    restarts: tuple[int, ...] = ()
+    if number is not None:
+        if (stray := number < 0).any():
+            first = int(log.lines[stray][0])
+            remarks.append(f"{int(stray.sum())} lines left out, their stamps are far from those around: line {first}")
+            log, number = log.take(~stray), number[~stray]
+        restarts = tuple((np.flatnonzero(np.diff(number)) + 1).tolist())
+    if restarts:
+        remarks.append(begins_anew([int(log.lines[row]) for row in restarts]))
+    stamps = log.stamps.copy()
+    for start, end in pairwise([0, *restarts, len(stamps)]):
+        if (np.diff(stamps[start:end]) < 0).any():
+            stamps[start:end] = in_order(stamps[start:end])
+    if changed := int((stamps != log.stamps).sum()):
+        remarks.append(f"{changed:,} stamps ran backwards: the nearest that increase, in the order of the file")
+    return replace(log, stamps=stamps, restarts=restarts, remarks=tuple(remarks))
 
 
 def write_log_text(path: Path, log: CmuLog) -> None:
@@ -141,6 +182,15 @@ def format_log_line(
     return f"L {numbers(*pose)} {numbers(*laser_pose)} {beams} {seconds}"
 
 
+def _checked_kind(tokens: list[bytes], line: bytes, path: Path, number: int) -> bytes:
+    kind = tokens[0]
+    if kind not in _COUNTS:
+        raise MclError(f"unknown line type {_show(kind)}, expected O or L", _hint(line), path=path, line=number)
+    if len(tokens) - 1 != _COUNTS[kind]:
+        raise MclError(_wrong_count(kind, len(tokens) - 1), path=path, line=number)
+    return kind
+
+
 def _numbers(tokens: list[bytes], path: Path, line: int) -> tuple[list[float], int]:
     try:
         values = list(map(float, tokens[1:-1]))
@@ -148,8 +198,10 @@ def _numbers(tokens: list[bytes], path: Path, line: int) -> tuple[list[float], i
     except ValueError:
         bad = next((t for t in tokens[1:] if not _is_number(t)), tokens[-1])
         raise MclError(f"{_show(bad)} is not a number", path=path, line=line) from None
-    if not math.isfinite(sum(values)):
-        raise MclError("NaN or an infinite number", path=path, line=line)
+    if not measured(values, FARTHEST_CM) or abs(values[2]) > MAX_TURN:
+        finite = math.isfinite(sum(map(abs, values)))
+        said = "a number that no robot measures" if finite else "NaN or an infinite number"
+        raise MclError(said, path=path, line=line)
     if not 0 <= stamp <= MAX_STAMP:
         raise MclError(f"the stamp {_show(tokens[-1])} is out of bounds", path=path, line=line)
     return values, stamp

@@ -9,14 +9,14 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from converters.bag_file import BagFile, is_bag
+from converters.bag_file import is_bag, open_recording
 from converters.beesoft import is_beesoft, parse_beesoft
 from converters.carmen_text import is_carmen_text
 from converters.cmu_text import is_log_text
-from converters.text import read_bytes
+from converters.text import read_bytes, read_head
 from pipeline.errors import MclError
 from pipeline.logs import schema
-from pipeline.logs.collect import find
+from pipeline.logs.choice import find
 from pipeline.logs.decode import decode_grid
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.reader import own_map
@@ -67,12 +67,12 @@ def convert_map(source: Path, output: Path, mode: str = "trinary") -> tuple[Occu
 
 
 def _find_map(source: Path) -> OccupancyGrid:
-    head = b"" if source.is_dir() else read_bytes(source)[:HEAD]
+    head = b"" if source.is_dir() else read_head(source, HEAD)
     if head.startswith(MAGIC):
         with McapFile(source) as recorded:
             grid, topics = own_map(recorded), recorded.topics
     elif is_bag(source, head):
-        with BagFile(source) as bag:
+        with open_recording(source) as bag:
             topic, topics = find(bag, schema.GRID_TYPE), bag.topics
             grid = None if topic is None else decode_grid(bag.messages([topic])[topic])
     elif _is_log(source, head):

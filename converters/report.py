@@ -14,7 +14,8 @@ LEFT_OUT = "left out on request"
 class ConversionReport:
     """Counts are of the source's ``unit``; ``duration`` in seconds from first to last; ``size`` in bytes.
 
-    ``odometry``: messages of it that were written, 0 where there is none; ``faults``: made on purpose, as texts.
+    ``odometry``: messages of it that were written, 0 where there is none; ``faults``: made on purpose, as texts;
+    ``remarks``: what a user should know of how the source was read.
     """
 
     format: str
@@ -26,4 +27,5 @@ class ConversionReport:
     output: Path
     size: int
     unit: str = "lines"
+    remarks: tuple[str, ...] = ()
     faults: Sequence[str] = ()

@@ -14,7 +14,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.geometry import Pose, compose, inverse
+from pipeline.geometry import Pose
 
 
 @dataclass(frozen=True)
@@ -30,34 +30,6 @@ class Segment:
     sequence_offset: int
     stamp_shift: int
     motion: Pose
-
-
-def continue_odometry(poses: NDArray[np.float64], starts: Sequence[int]) -> list[Pose]:
-    """For every stretch, given by the index of its first pose, the motion that lets it go on from the one before.
-
-    ``poses`` (n, 3) m, m, rad as in the source; ``starts`` begins with 0. The first motion is the identity.
-    """
-    motions: list[Pose] = [(0.0, 0.0, 0.0)]
-    for start in starts[1:]:
-        last = compose(motions[-1], poses[start - 1])
-        x, y, yaw = compose(last, inverse(poses[start])).tolist()
-        motions.append((x, y, yaw))
-    return motions
-
-
-def move(poses: NDArray[np.float64], motion: Pose) -> NDArray[np.float64]:
-    """motion (+) poses (n, 3), turns kept; the identity gives the same numbers back to the last bit."""
-    if motion == (0.0, 0.0, 0.0):
-        return poses
-    x, y, yaw = motion
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.column_stack(
-        [
-            x + cos * poses[:, 0] - sin * poses[:, 1],
-            y + sin * poses[:, 0] + cos * poses[:, 1],
-            poses[:, 2] + yaw,
-        ]
-    )
 
 
 def move_back(poses: NDArray[np.float64], motion: Pose) -> NDArray[np.float64]:

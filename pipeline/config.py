@@ -18,6 +18,8 @@ from pipeline.errors import MclError
 
 PRESETS = Path(__file__).parent / "presets"
 
+LARGEST = 1e6
+"""What no parameter exceeds, in whatever unit: a larger number was never meant."""
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -183,6 +185,9 @@ class Config(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:
+        for name, value in self:
+            if isinstance(value, float) and abs(value) > LARGEST:
+                raise ValueError(f"{name} is {value:g}, which no parameter is")
         if self.init == "pose" and self.initial_pose is None:
             raise ValueError("init=pose needs initial_pose: [x, y, yaw]")
         if self.z_hit + self.z_short + self.z_max + self.z_rand + self.z_long <= 0.0:

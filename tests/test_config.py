@@ -105,6 +105,11 @@ def test_a_config_cannot_be_changed():
         Config().alpha1 = 1.0  # type: ignore[misc]
 
 
+def test_a_number_that_nobody_means_is_named() -> None:
+    with pytest.raises(MclError, match=r"sigma_hit is 1e\+300, which no parameter is"):
+        load_config(None, ["sigma_hit=1e300"])
+
+
 @pytest.mark.parametrize(
     ("settings", "said"),
     [

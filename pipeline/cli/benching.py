@@ -10,7 +10,8 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns
-from pipeline.cli.parameters import ForceOption, JsonOption, open_log
+from pipeline.cli.parameters import ForceOption, JsonOption
+from pipeline.cli.reading import open_log
 from pipeline.outputs import check_folder, told
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ WRITTEN = ("bench.txt", "bench.json", "bench.png")
 
 
 def bench(
-    log: Annotated[Path | None, typer.Argument(metavar="[LOG.mcap]", help="The embedded sample if not given.")] = None,
+    log: Annotated[Path | None, typer.Argument(metavar="[LOG]", help="The embedded sample if not given.")] = None,
     repeats: Annotated[int, typer.Option(min=1, help="Measurements of each row; the median counts.")] = 5,
     output: Annotated[
         Path | None,

@@ -10,7 +10,8 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns, look_at, note_damage
-from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption, open_log
+from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption
+from pipeline.cli.reading import Reading, open_log, reads_logs
 from pipeline.errors import MclError
 
 if TYPE_CHECKING:
@@ -65,10 +66,12 @@ def compare(
         (console.note if as_json else console.result)(str(output))
 
 
+@reads_logs
 def view(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd; or one log, an .mcap.")
+        list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd; or one log, of any kind.")
     ],
+    reading: Reading,
     map_path: MapOption = None,
     connect: ConnectOption = None,
 ) -> None:
@@ -80,22 +83,29 @@ def view(
 
     if connect is not None:
         viewer.check_address(connect)
-    log = next((path for path in runs if path.suffix == ".mcap"), None)
+    log = next((path for path in runs if not _is_run(path)), None)
     if log is not None and len(runs) > 1:
         raise MclError("a log is viewed alone", "runs are viewed together: mcl localize makes one of a log", path=log)
-    if log is None and map_path is not None:
-        raise typer.BadParameter("--map gives a log its map; a run has had one")
+    if log is None and (map_path is not None or reading != Reading()):
+        raise typer.BadParameter("--map, and how to read it, is said of a log; a run has had its own")
     if log is not None:
-        _view_log(log, map_path, connect)
+        _view_log(log, map_path, reading, connect)
     else:
         _view_runs(runs, connect)
 
 
-def _view_log(path: Path, map_path: Path | None, connect: str | None) -> None:
+def _is_run(path: Path) -> bool:
+    """Whether a path is a run's, as far as it can be told; what is missing, or an empty folder, is called a run."""
+    if path.is_dir():
+        return any(path.glob("*.rrd")) or not any(path.iterdir())
+    return path.suffix == ".rrd" or not path.exists()
+
+
+def _view_log(path: Path, map_path: Path | None, reading: Reading, connect: str | None) -> None:
     from pipeline.recording import viewer
     from pipeline.recording.raw_log import send_raw_log, write_raw_log
 
-    log = open_log(path, map_path)
+    log = open_log(path, map_path, reading)
     if connect is not None:
         send_raw_log(connect, log)
         return

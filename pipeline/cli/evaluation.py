@@ -11,24 +11,17 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns, percent
 from pipeline.cli.parameters import (
-    BaseFrameOption,
     ConfigOption,
     FaultOption,
     ForceOption,
     JsonOption,
-    LaserFrameOption,
-    LogArguments,
     MapOption,
-    OdomFrameOption,
-    OdomTopicOption,
     ParticlesOption,
-    ScanTopicOption,
     SetOption,
     asked_faults,
     effective_config,
-    named,
-    open_log,
 )
+from pipeline.cli.reading import LogArguments, Reading, open_log, reads_logs
 from pipeline.errors import MclError
 from pipeline.outputs import check_output, replacing
 
@@ -46,8 +39,10 @@ class ReferenceFrame(StrEnum):
     laser = "laser"
 
 
+@reads_logs
 def evaluate(
     logs: LogArguments,
+    reading: Reading,
     references: Annotated[
         list[Path] | None,
         typer.Option("--reference", metavar="TRUTH.tum", help="The truth, one per log; the log's own if not given."),
@@ -55,11 +50,6 @@ def evaluate(
     runs: Annotated[int, typer.Option(min=1, help="Runs per log, with seeds SEED, SEED + 1, ...")] = 100,
     seed: Annotated[int, typer.Option(min=0, help="The first seed.")] = 0,
     map_path: MapOption = None,
-    scan_topic: ScanTopicOption = None,
-    odom_topic: OdomTopicOption = None,
-    base_frame: BaseFrameOption = None,
-    odom_frame: OdomFrameOption = None,
-    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     particles: ParticlesOption = None,
@@ -107,10 +97,9 @@ def evaluate(
         vary or (), lambda values: effective_config(config, [*(settings or ()), *values], particles)
     )
     keys, variants = evaluation.with_failures(keys, variants, failures or ())
-    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
     done = evaluation.compare(
-        [open_log(log, map_path, names) for log in logs],
+        [open_log(log, map_path, reading) for log in logs],
         truths,
         [variant.config for variant in variants],
         runs,

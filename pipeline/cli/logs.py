@@ -12,16 +12,11 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import facts, percent
 from pipeline.cli.parameters import (
-    BaseFrameOption,
     FaultOption,
     ForceOption,
-    LaserFrameOption,
-    OdomFrameOption,
-    OdomTopicOption,
-    ScanTopicOption,
     asked_faults,
-    named,
 )
+from pipeline.cli.reading import Reading, reads_logs
 from pipeline.errors import MclError
 from pipeline.outputs import check_folder, check_suffix, refuse_existing
 
@@ -54,6 +49,7 @@ class MapMode(StrEnum):
     raw = "raw"
 
 
+@reads_logs
 def convert(
     logs: Annotated[
         list[Path], typer.Argument(metavar="LOG", help="A raw log or a ROS bag; several logs with --join; or a map.")
@@ -61,6 +57,7 @@ def convert(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="OUT.mcap", help="The file to write; of a map a .yaml.")
     ],
+    reading: Reading,
     map_path: Annotated[
         Path | None,
         typer.Option("--map", metavar="MAP", help="Its map, to travel with it: beesoft, or a map_server YAML."),
@@ -78,11 +75,6 @@ def convert(
             metavar="TRUTH.tum|TOPIC", help="Where the robot really was (base_link in map): TUM, or a bag's topic."
         ),
     ] = None,
-    scan_topic: ScanTopicOption = None,
-    odom_topic: OdomTopicOption = None,
-    base_frame: BaseFrameOption = None,
-    odom_frame: OdomFrameOption = None,
-    laser_frame: LaserFrameOption = None,
     without_odometry: Annotated[
         bool,
         typer.Option("--without-odometry", help="Leave out the wheels: the laser alone then tells the motion."),
@@ -111,7 +103,6 @@ def convert(
     from converters import convert as convert_logs
     from converters import read_map
 
-    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
     report = convert_logs(
         logs,
         output,
@@ -119,7 +110,7 @@ def convert(
         drop=intervals,
         ground_truth=ground_truth,
         join=join,
-        names=names,
+        names=reading.names,
         without_odometry=without_odometry,
         faults=disturbances,
         seed=seed,
@@ -135,6 +126,8 @@ def convert(
         ("size", f"{report.size / 1e6:.2f} MB"),
     ]
     console.note(facts(", ".join(log.name for log in logs), rows))
+    for remark in report.remarks:
+        console.note(f"note: {remark}")
     if map_path is not None:
         for remark in read_map(map_path).remarks:
             console.note(f"note: {map_path}: {remark}")

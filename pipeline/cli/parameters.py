@@ -13,11 +13,7 @@ from pipeline import console
 if TYPE_CHECKING:
     from pipeline.config import Config
     from pipeline.logs.faults import Fault
-    from pipeline.logs.messages import Log
-    from pipeline.logs.recorded import Names
 
-LogArgument = Annotated[Path, typer.Argument(metavar="LOG.mcap", help="A log, as `mcl convert` writes it.")]
-LogArguments = Annotated[list[Path], typer.Argument(metavar="LOG.mcap", help="Logs, as `mcl convert` writes them.")]
 MapOption = Annotated[
     Path | None,
     typer.Option("--map", metavar="MAP", help="A beesoft map or a map_server YAML, instead of the log's own map."),
@@ -39,21 +35,6 @@ ParticlesOption = Annotated[
     int | None, typer.Option(metavar="N", help="Use so many particles, from the start to the end.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
-ScanTopicOption = Annotated[
-    str | None, typer.Option(metavar="TOPIC", help="The laser's topic, where a recording has several.")
-]
-OdomTopicOption = Annotated[
-    str | None, typer.Option(metavar="TOPIC", help="The odometry's topic; /tf takes it from the transforms.")
-]
-BaseFrameOption = Annotated[
-    str | None, typer.Option(metavar="FRAME", help="The robot's centre, if not the frame that the odometry moves.")
-]
-OdomFrameOption = Annotated[
-    str | None, typer.Option(metavar="FRAME", help="The odometry's frame, if the transforms name it otherwise.")
-]
-LaserFrameOption = Annotated[
-    str | None, typer.Option(metavar="FRAME", help="The laser's frame, if the scans name none, another or several.")
-]
 ConnectOption = Annotated[
     str | None,
     typer.Option(metavar="URL", help="Show it in a viewer that is open already, like rerun+http://host:9876/proxy."),
@@ -80,33 +61,6 @@ FaultOption = Annotated[
     ),
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
-
-
-def open_log(path: Path, map_path: Path | None, names: Names | None = None) -> Log:
-    """The log, with the map of another file if one is given, from the topics and frames named."""
-    from pipeline.logs.reader import read_log
-
-    if map_path is None:
-        return read_log(path, names=names)
-    from converters import read_map
-
-    grid = read_map(map_path)
-    for remark in grid.remarks:
-        console.note(f"note: {map_path}: {remark}")
-    return read_log(path, grid, names)
-
-
-def named(
-    scan_topic: str | None,
-    odom_topic: str | None,
-    base_frame: str | None,
-    odom_frame: str | None,
-    laser_frame: str | None,
-) -> Names:
-    """What the options above say of a recording's topics and frames."""
-    from pipeline.logs.recorded import Names
-
-    return Names(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
 
 
 def asked_faults(texts: list[str] | None) -> tuple[Fault, ...]:

@@ -11,20 +11,13 @@ from pipeline import console
 from pipeline.cli.evaluation import ReferenceFrame
 from pipeline.cli.lines import columns, facts
 from pipeline.cli.parameters import (
-    BaseFrameOption,
     ConfigOption,
     ForceOption,
     JsonOption,
-    LaserFrameOption,
-    LogArgument,
-    OdomFrameOption,
-    OdomTopicOption,
-    ScanTopicOption,
     SetOption,
     effective_config,
-    named,
-    open_log,
 )
+from pipeline.cli.reading import LogArgument, Reading, open_log, reads_logs
 from pipeline.errors import MclError
 from pipeline.outputs import check_output, check_suffix, replacing
 
@@ -32,8 +25,10 @@ if TYPE_CHECKING:
     from pipeline.odometry import DeadReckoning, Judged
 
 
+@reads_logs
 def odometry(
     log: LogArgument,
+    reading: Reading,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="OUT.tum", help="Write the path, a pose for every scan.")
     ] = None,
@@ -55,11 +50,6 @@ def odometry(
         Path | None,
         typer.Option(metavar="FILE", help="Hand-checked relations between scans, of the Freiburg SLAM benchmark."),
     ] = None,
-    scan_topic: ScanTopicOption = None,
-    odom_topic: OdomTopicOption = None,
-    base_frame: BaseFrameOption = None,
-    odom_frame: OdomFrameOption = None,
-    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     as_json: JsonOption = False,
@@ -82,7 +72,7 @@ def odometry(
     truth = read_tum(reference) if reference is not None else None
     checked = read_relations(relations) if relations is not None else None
     effective = effective_config(config, settings, None)
-    opened = open_log(log, None, named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame))
+    opened = open_log(log, None, reading)
     if mcap is not None and mcap.exists() and mcap.samefile(opened.path):
         raise MclError("the output is the input", "give it another name", path=mcap)
     alone = laser_alone or effective.odometry == "laser"

@@ -15,22 +15,15 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns, facts, note_damage
 from pipeline.cli.parameters import (
-    BaseFrameOption,
     ConfigOption,
     ConnectOption,
     JsonOption,
-    LaserFrameOption,
-    LogArgument,
     MapOption,
-    OdomFrameOption,
-    OdomTopicOption,
     ParticlesOption,
-    ScanTopicOption,
     SetOption,
     effective_config,
-    named,
-    open_log,
 )
+from pipeline.cli.reading import LogArgument, Reading, open_log, parse_pose, reads_logs
 from pipeline.cli.summary import report
 from pipeline.errors import MclError
 from pipeline.outputs import check_suffix
@@ -53,27 +46,12 @@ ThreadsOption = Annotated[
 ]
 
 
-def _pose(text: str | None) -> tuple[float, ...] | None:
-    if text is None:
-        return None
-    try:
-        pose = tuple(float(number) for number in text.split(","))
-    except ValueError:
-        pose = ()
-    if len(pose) != 3 or not all(map(math.isfinite, pose)):
-        raise typer.BadParameter(f"{text!r} is not X,Y,YAW in metres and radians, like 4.5,12,1.57")
-    return pose
-
-
+@reads_logs
 def localize(
     context: typer.Context,
     log: LogArgument,
+    reading: Reading,
     map_path: MapOption = None,
-    scan_topic: ScanTopicOption = None,
-    odom_topic: OdomTopicOption = None,
-    base_frame: BaseFrameOption = None,
-    odom_frame: OdomFrameOption = None,
-    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     seed: SeedOption = 0,
@@ -109,12 +87,11 @@ def localize(
         if mcap.exists():
             raise MclError("this file exists already", "results are never overwritten", path=mcap)
 
-    start = _pose(pose)
+    start = parse_pose(pose)
     if start is not None and init not in (None, "pose"):
         raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
-    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
-    opened = open_log(log, map_path, names)
+    opened = open_log(log, map_path, reading)
     viewer = _viewer_at(connect) if connect or view else None
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(

@@ -10,22 +10,15 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns
 from pipeline.cli.parameters import (
-    BaseFrameOption,
     ConfigOption,
     ForceOption,
     JsonOption,
-    LaserFrameOption,
-    LogArguments,
     MapOption,
-    OdomFrameOption,
-    OdomTopicOption,
     ParticlesOption,
-    ScanTopicOption,
     SetOption,
     effective_config,
-    named,
-    open_log,
 )
+from pipeline.cli.reading import LogArguments, Reading, open_log, reads_logs
 from pipeline.errors import MclError
 from pipeline.outputs import check_output, check_suffix, replacing
 
@@ -35,8 +28,10 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".pdf", ".svg")
 
 
+@reads_logs
 def tune(
     logs: LogArguments,
+    reading: Reading,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="PRESET.yaml", help="Write what was learned; stdout if not given."),
@@ -49,11 +44,6 @@ def tune(
         int, typer.Option(min=1, max=2, help="2: localize once more with what was learned, and learn again.")
     ] = 1,
     map_path: MapOption = None,
-    scan_topic: ScanTopicOption = None,
-    odom_topic: OdomTopicOption = None,
-    base_frame: BaseFrameOption = None,
-    odom_frame: OdomFrameOption = None,
-    laser_frame: LaserFrameOption = None,
     config: ConfigOption = None,
     settings: SetOption = None,
     particles: ParticlesOption = None,
@@ -72,8 +62,7 @@ def tune(
     from pipeline import tune as tuning
 
     effective = effective_config(config, settings, particles)
-    names = named(scan_topic, odom_topic, base_frame, odom_frame, laser_frame)
-    opened = [open_log(log, map_path, names) for log in logs]
+    opened = [open_log(log, map_path, reading) for log in logs]
     learned = tuning.tune(opened, effective, seed=seed, rounds=rounds, progress=console.progress)
     text = tuning.preset(learned)
     console.note(columns(f"{learned.scans:,} scans, {learned.beams:,} beams", tuning.table(learned), tuning.COLUMNS))

@@ -142,7 +142,7 @@ def stamp_of(message: bytes) -> int:
 def frame_of(message: bytes) -> str:
     """The frame of any message that begins with a header."""
     (length,) = struct.unpack_from(_byte_order(message) + "I", message, _START + 8)
-    return message[_START + 12 : _START + 12 + length].rstrip(b"\0").decode()
+    return message[_START + 12 : _START + 12 + length].rstrip(b"\0").decode(errors="replace")
 
 
 def stamps_of(rows: Rows) -> NDArray[np.int64]:

@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.logs import schema
+from pipeline.logs.choice import SCAN_TYPES, candidates, chosen, find, of_robot
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns
-from pipeline.logs.decode import decode_odometry, decode_scans
+from pipeline.logs.decode import decode_scans
 from pipeline.logs.gyroscope import collect_gyroscope
-from pipeline.logs.recorded import Messages, Names, Recorded, Topic, describe
-from pipeline.logs.transforms import Transforms, moved
+from pipeline.logs.odometry import in_one_piece
+from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe, shortened
+from pipeline.logs.stretches import Clock, alongside, one_time, told
+from pipeline.logs.transforms import Transforms, in_space
+from pipeline.logs.which_odometry import find_odometry
 
-_PREFERRED = (schema.SCAN, schema.ODOMETRY, schema.MAP, schema.IMU)
-_NOT_MEANT = {schema.ODOMETRY_TYPE: "truth", schema.GRID_TYPE: "costmap"}
-"""What a topic's name must not say to be chosen: a simulator's truth, the maps that a planner makes for itself."""
 _STANDS_OUT = 10
 """So many times as often as readings just below it must the longest range occur to mean that nothing came back."""
+_FARTHEST_READING = np.float32(1000.0)
+"""m: a longest range above that was never filled in."""
+FARTHEST_MOUNT = 50.0
+"""m: a laser that far from the robot's centre is on no robot."""
 
 
 @dataclass(frozen=True)
 class Drive:
     """Scans and odometry as recorded, ``laser_in_base`` (4, 4), and the topics and frames that they are from.
 
-    ``odometry`` and ``gyroscope`` are None where the recording has none.
+    ``odometry`` and ``gyroscope`` are None where the recording has none. All stamps are those of ``clock``, in which
+    every stretch follows the one before; ``remarks``: what a user should know of how the recording was read.
     """
 
     scans: ScanColumns
@@ -35,30 +40,28 @@ class Drive:
     laser_in_base: NDArray[np.float64]
     origin: dict[str, str]
     gyroscope: GyroscopeColumns | None = None
+    clock: Clock = field(default_factory=lambda: Clock(np.zeros(1, np.int64), np.zeros(1, np.int64)))
+    remarks: tuple[str, ...] = ()
 
 
-def collect(recorded: Recorded, names: Names | None = None) -> Drive:
+def collect(recorded: Recorded, names: Names | None = None, *, mend: bool = True) -> Drive:
     """Scans, odometry and the laser's place: where ``names`` does not say it, by their types and by the transforms.
 
     Odometry is a topic of Odometry messages, else odom -> base among the transforms. Without either, and unless
     ``names`` asks for it, there is none: then the robot's centre is the root of the transforms that carry the laser, or
-    the laser itself in a recording without transforms. A gyroscope is a topic of Imu messages. Raises MclError if the
-    scans, odometry that was asked for, or the laser's place are missing, and says what the recording has instead.
+    the laser itself in a recording without transforms. A gyroscope is a topic of Imu messages. Of several lasers the
+    first is taken with which all this is found. ``mend``: odometry that jumps goes on from where it stood, and such as
+    never moves is not taken. Raises MclError if the scans, odometry that was asked for, or the laser's place are
+    missing, and says what the recording has instead.
     """
     names = names or Names()
+    if names.stamps == "log":
+        recorded = ByLogTime(recorded)
     try:
-        return _collect(recorded, names)
+        return _collect(recorded, names, mend)
     except MclError as error:
-        raise error if error.path else MclError(error.message, error.hint, path=recorded.path) from error
-
-
-def find(recorded: Recorded, kind: str) -> str | None:
-    """The topic of that type that the contract names, else the one with the most messages."""
-    usable = [t for t in recorded.topics.values() if t.type == kind and _readable(t)]
-    usable = [t for t in usable if t.name != schema.LASER_ODOMETRY]  # ours, made from the scans: no second witness
-    meant = [t for t in usable if _NOT_MEANT.get(kind, "\n") not in t.name.lower()]
-    best = max(meant, key=lambda t: (t.name in _PREFERRED, t.count, t.name), default=None)
-    return None if best is None else best.name
+        hint = error.hint or "; ".join(recorded.remarks)
+        raise MclError(error.message, hint, path=error.path or recorded.path, line=error.line) from error
 
 
 def mark_no_return(scans: ScanColumns) -> ScanColumns:
@@ -68,9 +71,9 @@ def mark_no_return(scans: ScanColumns) -> ScanColumns:
     if that stands out among the readings just below it, the longest range becomes the next smaller number. If a
     driver never filled in the longest range, it is the longest reading.
     """
-    finite = scans.ranges[np.isfinite(scans.ranges)]
+    finite = scans.ranges[scans.ranges <= _FARTHEST_READING]
     longest = np.float32(scans.range_max)
-    if not (np.isfinite(longest) and longest > max(scans.range_min, 0.0)):
+    if not (longest <= _FARTHEST_READING and longest > max(scans.range_min, 0.0)):
         longest = finite.max(initial=np.float32(0.0))
         return replace(scans, range_max=float(longest)) if longest > 0 else scans
     at_the_end = int(np.count_nonzero(finite == longest))
@@ -80,88 +83,120 @@ def mark_no_return(scans: ScanColumns) -> ScanColumns:
     return scans
 
 
-def _collect(recorded: Recorded, names: Names) -> Drive:
-    scan_topic = _chosen(recorded, names.scan_topic, (schema.LASER_SCAN_TYPE,)) or find(
-        recorded, schema.LASER_SCAN_TYPE
-    )
-    if scan_topic is None:
-        raise MclError(f"no laser scans ({schema.LASER_SCAN_TYPE}) in this file: {describe(recorded.topics)}")
-    odom_topic = _chosen(recorded, names.odom_topic, (schema.ODOMETRY_TYPE, schema.TF_TYPE))
-    odom_topic = odom_topic or find(recorded, schema.ODOMETRY_TYPE)
-    messages = recorded.messages({scan_topic} if odom_topic is None else {scan_topic, odom_topic})
+def _collect(recorded: Recorded, names: Names, mend: bool) -> Drive:
+    asked = chosen(recorded, names.scan_topic, SCAN_TYPES)
+    topics = [asked] if asked else candidates(recorded, *SCAN_TYPES)
+    if not topics:
+        clouds = any(topic.type == schema.CLOUD_TYPE for topic in recorded.topics.values())
+        raise MclError(
+            f"no laser scans ({schema.LASER_SCAN_TYPE}) in this file: {describe(recorded.topics)}",
+            "ROS's pointcloud_to_laserscan makes scans of the point clouds" if clouds else "",
+        )
+    refused: list[tuple[str, MclError]] = []
+    for topic in topics:
+        try:
+            drive = _drive(recorded, topic, names, mend)
+        except MclError as error:
+            refused.append((topic, error))
+            continue
+        remarks = [f"{name} was not taken: {error.message}" for name, error in refused]
+        if rest := [f"{t} ({recorded.topics[t].count:,})" for t in topics[len(refused) + 1 :]]:
+            remarks.append(f"{topic} is taken, and not {shortened(rest, 'topics')}; --scan-topic takes another")
+        return replace(drive, remarks=(*recorded.remarks, *remarks, *drive.remarks))
+    raise refused[0][1]
+
+
+def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Drive:
+    """The drive by the scans of one topic."""
+    kinds = (schema.ODOMETRY_TYPE, schema.TF_TYPE)
+    odom_topic = chosen(recorded, names.odom_topic, kinds)
+    odom_topics = [odom_topic] if odom_topic else candidates(recorded, schema.ODOMETRY_TYPE, beside=scan_topic)
+    messages = recorded.messages({scan_topic, *odom_topics[:1]})
     scans = decode_scans(messages[scan_topic], names.laser_frame)
     laser = (names.laser_frame or scans.frame).lstrip("/")
-    transforms = Transforms(recorded)
-    found = _odometry(odom_topic, messages, transforms, names, laser)
-    if found is None:
-        odometry, odom, base = None, schema.ODOM_FRAME, names.base_frame or transforms.root(laser)
-        if base == laser and not names.base_frame and transforms and not transforms.knows(laser):
+    said = [t.name for t in recorded.topics.values() if t.type == schema.TF_TYPE]
+    transforms = Transforms(recorded, of_robot(recorded, scan_topic, said))
+    found = find_odometry(recorded, odom_topics, messages, transforms, names, scans, laser, mend)
+    odometry, odom, base = found.odometry, found.odom, found.base
+    if not base:  # nobody says which frame is the robot's
+        base = names.base_frame or transforms.root(laser)
+        alone = base == laser and not names.base_frame and names.laser_pose is None
+        if alone and transforms and not transforms.knows(laser):
             raise _unplaced("the robot", laser, transforms)
-        laser_in_base = transforms.place(laser, base, odom)
-    else:
-        odometry, odom, base = found
-        laser_in_base = transforms.place(laser, base, odom)
+    laser_in_base = transforms.place(laser, base, odom) if names.laser_pose is None else in_space(names.laser_pose)
     if laser_in_base is None:
         raise _unplaced(repr(base), laser, transforms)
-    gyroscope, about_gyroscope = collect_gyroscope(recorded, find(recorded, schema.IMU_TYPE), transforms, base, odom)
+    if (far := float(np.abs(laser_in_base[:3, 3]).max())) > FARTHEST_MOUNT:
+        raise MclError(f"the laser {laser!r} is {far:g} m from {base!r}", "--laser-pose says where it is")
+    imu_topic = find(recorded, schema.IMU_TYPE, beside=scan_topic)
+    gyroscope, about_gyroscope = collect_gyroscope(recorded, imu_topic, transforms, base, odom)
     origin = {
         "scan_topic": scan_topic,
-        "odometry_topic": "" if odometry is None else odom_topic or schema.TF,
+        "odometry_topic": "" if odometry is None else found.topic,
         "frames": f"{odom} -> {base} -> {laser}",
         "scans_resampled": str(scans.resampled),
         **about_gyroscope,
     }
-    if odometry is None and not transforms:
+    if odometry is None and not transforms and names.laser_pose is None:
         origin["laser_at_centre"] = "no transform says where it is"
-    return Drive(scans, odometry, laser_in_base, origin, gyroscope)
+    about_place = transforms.remarks(laser, base) if names.laser_pose is None else []
+    remarks = [*scans.remarks, *found.remarks, *about_place]
+    if others := [t for t in odom_topics if found.topic in odom_topics and t != found.topic and not found.remarks]:
+        remarks.append(
+            f"{found.topic} is the odometry, and not {shortened(others, 'topics')}; --odom-topic takes another"
+        )
+    clock, scans, odometry, gyroscope = _in_one_time(scan_topic, scans, odometry, gyroscope, remarks)
+    if odometry is not None:
+        _check_clocks(scans.stamps, odometry.stamps)
+    if odometry is not None and (mend or odometry.stretch is not None):
+        odometry = _in_one_piece(odometry, found.topic, remarks)
+    return Drive(scans, odometry, laser_in_base, origin, gyroscope, clock, tuple(dict.fromkeys(remarks)))
 
 
-def _odometry(
-    topic: str | None, messages: Mapping[str, Messages], transforms: Transforms, names: Names, laser: str
-) -> tuple[PoseColumns, str, str] | None:
-    """The odometry of the robot's centre, its frame, and the frame of the centre; None if nobody recorded any."""
-    if topic is None or messages[topic].topic.type == schema.TF_TYPE:
-        asked = topic is not None or names.odom_frame is not None
-        if not asked and not transforms.tells_odometry(names.base_frame or laser):
-            return None
-        odometry = transforms.odometry(names.base_frame or laser, names.odom_frame)
-    else:
-        odometry = decode_odometry(messages[topic])
-        frames = odometry.frame.lstrip("/"), odometry.child_frame.lstrip("/")  # as ROS 1 wrote them
-        odometry = replace(odometry, frame=frames[0], child_frame=frames[1])
-    odom = names.odom_frame or odometry.frame
-    child = odometry.child_frame or transforms.base_below(odom, laser) or names.base_frame
-    if not child:
-        raise MclError(f"{topic} does not say which frame it moves; {transforms.describe()}", "--base-frame says it")
-    base = names.base_frame or child
-    if base != child:
-        place = transforms.place(base, child, odom)
-        # What nothing connects to the frame that the odometry names is that frame by its right name.
-        odometry = replace(odometry, child_frame=base) if place is None else moved(odometry, base, place)
-    return odometry, odom, base
+def _in_one_time(
+    scan_topic: str,
+    scans: ScanColumns,
+    odometry: PoseColumns | None,
+    gyroscope: GyroscopeColumns | None,
+    remarks: list[str],
+) -> tuple[Clock, ScanColumns, PoseColumns | None, GyroscopeColumns | None]:
+    """All of it by one clock."""
+    odometry = None if odometry is None else alongside(scans, odometry)
+    gyroscope = None if gyroscope is None else alongside(scans, gyroscope)
+    clock = one_time(scans, odometry, gyroscope)
+    if scans.stretch is not None:
+        remarks.append(told(scan_topic, scans.stamps, scans.stretch, clock))
+    if gyroscope is not None:
+        gyroscope = clock(gyroscope)
+        gyroscope = gyroscope.take(np.argsort(gyroscope.stamps, kind="stable"))
+    return clock, clock(scans), None if odometry is None else clock(odometry), gyroscope
+
+
+def _check_clocks(scans: NDArray[np.int64], odometry: NDArray[np.int64]) -> None:
+    first, last = odometry.min(), odometry.max()
+    if not ((scans >= first) & (scans <= last)).any():
+        raise MclError(
+            f"no scan lies within the odometry's time span: scans {_span(scans)}, odometry {_span(odometry)}",
+            "two clocks? then --stamps log takes when they were written down",
+        )
+
+
+def _span(stamps: NDArray[np.int64]) -> str:
+    return f"from {stamps.min() / 1e9:.3f} to {stamps.max() / 1e9:.3f} s"
+
+
+def _in_one_piece(odometry: PoseColumns, topic: str, remarks: list[str]) -> PoseColumns:
+    """The odometry as it goes on over resets and from one stretch to the next."""
+    ordered = odometry.take(np.argsort(odometry.stamps, kind="stable"))
+    breaks = [] if ordered.stretch is None else (np.flatnonzero(np.diff(ordered.stretch)) + 1).tolist()
+    whole = in_one_piece(ordered, topic, breaks)
+    remarks += whole.remarks[len(odometry.remarks) :]
+    return odometry if whole is ordered else whole
 
 
 def _unplaced(base: str, laser: str, transforms: Transforms) -> MclError:
+    remarks = "".join(f"; {said}" for said in transforms.remarks(laser, base.strip("'")))
     return MclError(
-        f"no transform from {base} to the laser {laser!r}: {transforms.describe()}",
-        "--base-frame and --laser-frame choose others; the same for both: the laser is at the robot's centre",
+        f"no transform from {base} to the laser {laser!r}: {transforms.describe()}{remarks}",
+        "--laser-pose X,Y,YAW says where it is; --base-frame and --laser-frame choose other frames",
     )
-
-
-def _chosen(recorded: Recorded, name: str | None, kinds: Collection[str]) -> str | None:
-    """The topic that the user named, if it can be what it should be."""
-    if name is None:
-        return None
-    topic = recorded.topics.get(name)
-    if topic is None:
-        raise MclError(f"no topic {name} in this file: {describe(recorded.topics)}")
-    if topic.type not in kinds or not _readable(topic):
-        raise MclError(
-            f"{name} has {topic.count} messages of {topic.type or 'no type'} ({topic.encoding}), not of "
-            f"{' or '.join(kinds)}: {describe(recorded.topics)}"
-        )
-    return name
-
-
-def _readable(topic: Topic) -> bool:
-    return topic.encoding == schema.MESSAGE_ENCODING and topic.count > 0

@@ -57,6 +57,7 @@ def disturbed(log: Log, faults: Sequence[Fault]) -> tuple[Log, Rows]:
         metadata={**log.metadata, schema.FAULTS: note((*noted(log.metadata), *faults))},
         sweeps=None if sweeps is None else sweeps[kept],
         turns=None if turns is None else turns[kept],
+        stretches=None if log.stretches is None else log.stretches[rows[kept]],
     )
     return made, rows[kept]
 

@@ -6,6 +6,8 @@ out by itself are left aside, for how they come about, with a compass or without
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,7 @@ from pipeline.errors import MclError
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns
 from pipeline.logs.decode import decode_rates
 from pipeline.logs.recorded import Recorded
+from pipeline.logs.stretches import numbered
 from pipeline.logs.transforms import Transforms
 
 GAP = 500_000_000
@@ -33,8 +36,8 @@ def collect_gyroscope(
     """The turn rates about the vertical axis of ``base``, and what is to be told of them; None without a topic.
 
     The sensor may be mounted in any way that the transforms tell; in a recording without transforms it lies flat.
-    Rates that are no numbers, or that no gyroscope measures, are left out and counted. What cannot be used, for the
-    transforms do not reach it, say, leaves the recording as it would be without.
+    Rates that are no numbers, or that no gyroscope measures, are left out and counted; the rest stays in the order of
+    the file. What cannot be used, for the transforms do not reach it, say, leaves the recording as it would be without.
     """
     if topic is None:
         return None, {}
@@ -54,9 +57,12 @@ def collect_gyroscope(
         about["imu_left_out"] = str(int((~sound).sum()))
     if not rates[sound].any():
         return None, about | {"imu_unused": "its rates were never filled in"}
-    stamps, about_up = stamps[sound], rates[sound] @ up
-    order = np.argsort(stamps, kind="stable")
-    return GyroscopeColumns(stamps[order], about_up[order], base), about
+    columns = GyroscopeColumns(stamps[sound], rates[sound] @ up, base)
+    stretch = numbered(columns.stamps)
+    if stretch is not None:
+        about["imu_left_out"] = str(int(about.get("imu_left_out", "0")) + int((stretch < 0).sum()))
+        columns = replace(columns.take(stretch >= 0), stretch=stretch[stretch >= 0])
+    return columns, about
 
 
 def turns_at(

@@ -30,10 +30,11 @@ def write_with_laser_odometry(
     below /recorded. ``about``: what the metadata says of them. Raises MclError if the log is not an .mcap or the file
     cannot be written.
     """
+    log.check_copied()
     odom, base = _frames(log)
     columns = planar_poses(log.stamps, np.arange(len(log)), poses, odom, base)
     _, _, data = odometry_messages(columns, _twists(log.stamps, poses))
-    with McapFile(log.path) as source, replacing(path) as partial, partial.open("wb") as file:
+    with McapFile(log.mcap) as source, replacing(path) as partial, partial.open("wb") as file:
         writer = _Copy(file)
         at = _log_times(source, log)
         own = writer.channel(schema.LASER_ODOMETRY, schema.ODOMETRY_TYPE)

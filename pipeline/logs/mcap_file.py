@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from struct import Struct
 from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
 
 from pipeline.errors import MclError
+from pipeline.logs import ros1
 from pipeline.logs.recorded import Messages, Topic, check_complete
+from pipeline.logs.schema import MESSAGE_ENCODING
 
+_RECORD_HEAD: Final = Struct("<BQ")  # kind and length of every record
 MAGIC: Final = b"\x89MCAP0\r\n"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 RRD_MAGIC: Final = b"RRF"
@@ -20,13 +24,15 @@ A_RUN: Final = ("this is a run, and a log is wanted", "give the .mcap that the r
 
 
 class McapFile:
-    """An .mcap opened for reading; a context manager.
+    """An .mcap opened for reading; a context manager. Messages of ROS 1 in it are handed out as ROS 2's.
 
-    Raises MclError if the file is missing, empty, no MCAP, cut or damaged.
+    A file that is cut, for the recorder was killed, is read as far as it goes; ``remarks`` say so. Raises MclError if
+    the file is missing, empty, no MCAP or damaged.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = Path(path)
+        self.remarks: list[str] = []
         try:
             self._file = self.path.open("rb")
         except FileNotFoundError as error:
@@ -40,9 +46,12 @@ class McapFile:
         except OSError as error:
             raise MclError(f"cannot be read: {error.strerror}", path=path) from error
         try:
-            self._check_ends()
+            self._cut = not self._check_ends()
+            if self._cut:
+                self.remarks.append(self._lost())
             with self._damage():
                 self._indexed = False
+                self._definitions: dict[str, tuple[str, str]] = {}  # of topics by ROS 1: type and text
                 self.topics = {topic.name: topic for topic in self._find_topics()}
         except BaseException:
             self._file.close()
@@ -62,51 +71,52 @@ class McapFile:
 
     def messages(self, names: Collection[str]) -> dict[str, Messages]:
         """All messages of the topics named that the file has; topics without messages are left out."""
-        found: dict[int, tuple[list[int], list[int], list[bytes]]] = {}
-        topics: dict[int, str] = {}
+        found: dict[str, tuple[list[int], list[int], list[bytes]]] = {}
         with self._damage():
-            for _, channel, message in self._reader().iter_messages(topics=list(names), log_time_order=False):
-                if message.channel_id not in found:
-                    found[message.channel_id] = ([], [], [])
-                    topics[message.channel_id] = channel.topic
-                times, sequences, data = found[message.channel_id]
+            for _, channel, message in self._messages(list(names)):
+                if (
+                    channel.topic not in found
+                ):  # which several may publish: their messages stay in the order of the file
+                    found[channel.topic] = ([], [], [])
+                times, sequences, data = found[channel.topic]
                 times.append(message.log_time)
                 sequences.append(message.sequence)
-                data.append(_unpacked(message.data))
-        result: dict[str, Messages] = {}
-        for channel_id, (times, sequences, data) in found.items():
-            name = topics[channel_id]
-            if name in result:  # two publishers of one topic
-                before = result[name]
-                times = before.log_times.tolist() + times
-                sequences = before.sequences.tolist() + sequences
-                data = before.data + data
-            stamps, numbers = np.array(times, dtype=np.int64), np.array(sequences, dtype=np.int64)
-            result[name] = Messages(self.topics[name], stamps, numbers, data)
+                content = unpacked(message.data)
+                if channel.message_encoding == ros1.ENCODING:
+                    content = self._as_ros2(content, channel.topic)
+                data.append(content)
+            result = {
+                name: Messages(self.topics[name], np.array(times, np.int64), np.array(sequences, np.int64), data)
+                for name, (times, sequences, data) in found.items()
+            }
         check_complete(self.path, self.topics, names, result)
         return result
 
     def everything(self) -> Iterator[tuple[Any, Any, Any]]:
         """Every message in the order of log times: its schema record (or None), channel record and message record."""
         with self._damage():
-            for schema, channel, message in self._reader().iter_messages(log_time_order=True):
-                message.data = _unpacked(message.data)
+            for schema, channel, message in self._messages(None, log_time_order=True):
+                message.data = unpacked(message.data)
                 yield schema, channel, message
 
     def attachments(self) -> Iterator[Any]:
         """The attachment records."""
+        if self._cut:
+            return
         with self._damage():
             yield from self._reader().iter_attachments()
 
     def metadata(self) -> dict[str, dict[str, str]]:
         """The metadata records by name."""
+        if self._cut:
+            return {}
         with self._damage():
             return {record.name: dict(record.metadata) for record in self._reader().iter_metadata()}
 
     def attachment(self, name: str) -> bytes | None:
         """The content of the attachment of that name, None if there is none."""
         with self._damage():
-            for attachment in self._reader().iter_attachments():
+            for attachment in self.attachments():
                 if attachment.name == name:
                     content: bytes = attachment.data
                     return content
@@ -118,13 +128,13 @@ class McapFile:
         channels: dict[int, Any] = {}
         schemas: dict[int, Any] = {}
         counts: dict[int, int] = {}
-        summary = SeekingReader(self._file).get_summary()
+        summary = None if self._cut else SeekingReader(self._file).get_summary()
         statistics = summary.statistics if summary is not None else None
-        if statistics is not None and statistics.channel_count == len(summary.channels):
+        if summary is not None and statistics is not None and statistics.channel_count == len(summary.channels):
             self._indexed = True
             channels, schemas, counts = summary.channels, summary.schemas, statistics.channel_message_counts
         else:  # a summary is optional, and so is all that is in it: then only reading everything tells what is there
-            for schema, channel, _ in self._reader().iter_messages(log_time_order=False):
+            for schema, channel, _ in self._messages(None):
                 channels[channel.id] = channel
                 counts[channel.id] = counts.get(channel.id, 0) + 1
                 if schema is not None:
@@ -134,7 +144,11 @@ class McapFile:
             kind = schemas[channel.schema_id].name if channel.schema_id in schemas else ""
             before = topics[channel.topic].count if channel.topic in topics else 0
             count = before + counts.get(number, 0)
-            topics[channel.topic] = Topic(channel.topic, kind, channel.message_encoding, count)
+            encoding = channel.message_encoding
+            if encoding == ros1.ENCODING and kind:
+                self._definitions[channel.topic] = (kind, schemas[channel.schema_id].data.decode(errors="replace"))
+                kind, encoding = ros1.type_in_ros2(kind), MESSAGE_ENCODING
+            topics[channel.topic] = Topic(channel.topic, kind, encoding, count)
         return list(topics.values())
 
     def _reader(self) -> Any:
@@ -144,7 +158,46 @@ class McapFile:
         self._file.seek(0)
         return (SeekingReader if self._indexed else NonSeekingReader)(self._file, validate_crcs=True)
 
-    def _check_ends(self) -> None:
+    def _messages(self, topics: list[str] | None, log_time_order: bool = False) -> Iterator[tuple[Any, Any, Any]]:
+        """Messages in the order of the file, or of their log times; of a file that is cut those that are whole."""
+        read = self._reader().iter_messages(topics=topics, log_time_order=log_time_order and not self._cut)
+        if not self._cut:
+            yield from read
+            return
+        found = []
+        try:
+            for message in read:
+                found.append(message)
+        except Exception:  # the end, told by whatever the library stumbles over
+            pass
+        yield from sorted(found, key=lambda each: int(each[2].log_time)) if log_time_order else found
+
+    def _as_ros2(self, data: bytes, topic: str) -> bytes:
+        kind, text = self._definitions[topic]
+        try:
+            return ros1.as_ros2(data, kind, text)
+        except Exception as error:  # rosbags raises whatever its generated code stumbles over
+            said = " ".join(str(error).split())[:80] or type(error).__name__
+            raise MclError(f"{topic}: a message is no {kind}: {said}", path=self.path) from error
+
+    def _lost(self) -> str:
+        """How much of a file that is cut no longer counts: all after its last whole record."""
+        size = self._file.seek(0, 2)
+        whole = len(MAGIC)
+        while whole + _RECORD_HEAD.size <= size:
+            self._file.seek(whole)
+            kind, length = _RECORD_HEAD.unpack(self._file.read(_RECORD_HEAD.size))
+            if kind == 0 or whole + _RECORD_HEAD.size + length > size:
+                break
+            whole += _RECORD_HEAD.size + length
+        lost = size - whole
+        return (
+            f"this MCAP file is cut: its end is missing, and of its {size:,} bytes the last {lost:,} "
+            f"({100 * lost / size:.1f} %) are in no whole chunk; read as far as it goes"
+        )
+
+    def _check_ends(self) -> bool:
+        """Whether the file has its end as well; its beginning it must have."""
         begin = self._file.read(len(MAGIC))
         if not begin:
             raise MclError("this file is empty", path=self.path)
@@ -157,10 +210,9 @@ class McapFile:
         if begin != MAGIC:
             raise MclError("not an MCAP file", "logs and bags become one with: mcl convert", path=self.path)
         self._file.seek(-len(MAGIC), 2)
-        if self._file.tell() == 0 or self._file.read() != MAGIC:
-            hint = "copy it again, or rescue what is there with mcap.dev's tool: mcap recover"
-            raise MclError("this MCAP file is cut: its end is missing", hint, path=self.path)
+        whole = self._file.tell() > 0 and self._file.read() == MAGIC
         self._file.seek(0)
+        return whole
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
@@ -170,13 +222,15 @@ class McapFile:
         """
         try:
             yield
+        except MclError:
+            raise
         except Exception as error:
             said = " ".join(str(error).split())[:80] or type(error).__name__
             raise MclError(f"this MCAP file is damaged: {said}", path=self.path) from error
 
 
-def _unpacked(data: bytes) -> bytes:
-    """The message itself: rosbag2 can pack each of them with zstd, and then says so in another file."""
+def unpacked(data: bytes) -> bytes:
+    """The message itself: rosbag2 can pack each of them with zstd, and says so only in another file."""
     if not data.startswith(ZSTD_MAGIC):  # CDR begins with a zero
         return data
     from zstandard import ZstdDecompressor

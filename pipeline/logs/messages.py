@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -48,7 +49,8 @@ class Scan:
     ``stamp``: integer nanoseconds; ``time``: seconds since the log's first scan; ``odometry``: pose of
     base_link in the odom frame, zeros if the log has none; ``ranges``: (beams,) float32 metres, NaN = invalid, inf =
     no return. ``sweep``: how the odometry moved (m, m, rad, robot's frame) from the first beam to the last; ``turn``:
-    heading by the gyroscope, rad, from any zero. Both None where the log does not know.
+    heading by the gyroscope, rad, from any zero. Both None where the log does not know. ``stretch``: how often the log
+    had begun anew before; between scans of two stretches nobody knows how the robot moved.
     """
 
     index: int
@@ -58,6 +60,7 @@ class Scan:
     ranges: NDArray[np.float32]
     sweep: NDArray[np.float64] | None = None
     turn: float | None = None
+    stretch: int = 0
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,9 @@ class Log:
     no ``wheels``, that is, no odometry; ``ranges`` (n, beams) float32 m, NaN = invalid, inf = no return (REP 117,
     made uniform by the reader). ``sweeps`` (n, 3): how the odometry moved (m, m, rad, robot's frame) while each scan
     was measured; ``turns`` (n,): heading by the gyroscope of an IMU, rad, from any zero. Both None where unknown.
+    ``stretches`` (n,) int64: how often the recording had begun anew before each scan (a simulation was reset, a loop
+    played again), None if it never did; the odometry stands still between two of them, which says nothing.
+    ``converted``: the .mcap that a raw log or a bag became, None where ``path`` is one.
     """
 
     name: str
@@ -92,9 +98,23 @@ class Log:
     wheels: bool = True
     sweeps: NDArray[np.float64] | None = None
     turns: NDArray[np.float64] | None = None
+    stretches: NDArray[np.int64] | None = None
+    converted: Path | None = None
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    @property
+    def mcap(self) -> Path:
+        """The .mcap with the log's messages."""
+        return self.path if self.converted is None else self.converted
+
+    def check_copied(self) -> None:
+        """Raises MclError if the stamps are not those of the messages in the file, so that it cannot be copied."""
+        if self.converted is None and self.metadata.get("reader", {}).get("restamped"):
+            raise MclError(
+                "its messages have other stamps", "mcl convert makes a log of it that has these", path=self.path
+            )
 
     @property
     def times(self) -> NDArray[np.float64]:
@@ -118,4 +138,6 @@ class Log:
         for i in range(len(self)):
             sweep = None if self.sweeps is None else self.sweeps[i]
             turn = None if self.turns is None else float(self.turns[i])
-            yield Scan(i, int(self.stamps[i]), float(times[i]), self.odometry[i], self.ranges[i], sweep, turn)
+            stretch = 0 if self.stretches is None else int(self.stretches[i])
+            stamp, time = int(self.stamps[i]), float(times[i])
+            yield Scan(i, stamp, time, self.odometry[i], self.ranges[i], sweep, turn, stretch)

@@ -7,6 +7,7 @@ the laser the right way up on the robot, ranges made uniform, odometry and gyros
 from __future__ import annotations
 
 import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.logs import schema
 from pipeline.logs.beam_times import checked, sweeps_of
-from pipeline.logs.collect import collect, find, mark_no_return
+from pipeline.logs.choice import find
+from pipeline.logs.collect import collect, mark_no_return
 from pipeline.logs.columns import ScanColumns
 from pipeline.logs.decode import decode_grid, decode_poses
 from pipeline.logs.gyroscope import turns_at
@@ -24,6 +26,7 @@ from pipeline.logs.mcap_file import McapFile
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.logs.odometry import odometry_at
 from pipeline.logs.recorded import Messages, Names
+from pipeline.logs.stretches import Clock, begins_after, from_record, stretches_of
 from pipeline.logs.writer import unpack_grid
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
@@ -37,17 +40,19 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     Ranges follow REP 117: NaN where invalid (0, NaN, below range_min), inf where nothing came back (above
     range_max). Odometry is the message with the scan's stamp (of several, the one with the scan's sequence
     number), else interpolated; scans outside its span are dropped, and ``log.metadata["reader"]``
-    counts them. A file without odometry has all of its scans, and zeros for it. ``names``: topics and frames to read
-    where the file leaves a choice. Raises MclError for a file that is no MCAP, is cut, or lacks scans, odometry that
-    ``names`` asks for, or the laser's place on the robot, and says what it has instead.
+    counts them; its "remarks" (JSON) are what else a user should know. A file without odometry has all of its scans,
+    and zeros for it. ``names``: topics and frames to read where the file leaves a choice, and what it lacks. A file
+    that is cut is read as far as it goes. Where stamps begin anew, a stretch begins, and is put behind the one before.
+    Raises MclError for a file that is no MCAP, or lacks scans, odometry that ``names`` asks for, or the laser's place
+    on the robot, and says what it has instead.
     """
     path = Path(path)
     with McapFile(path) as file:
         metadata = file.metadata()
-        drive = collect(file, names)
+        drive = collect(file, names, mend=schema.FAULTS not in metadata)  # those were made on purpose
         try:
-            truth = _ground_truth(file.messages([schema.GROUND_TRUTH]).get(schema.GROUND_TRUTH))
-            grid = own_map(file) if grid is None else grid
+            truth = _ground_truth(file.messages([schema.GROUND_TRUTH]).get(schema.GROUND_TRUTH), drive.clock)
+            own = own_map(file, drive.origin["scan_topic"]) if grid is None else None
         except MclError as error:
             raise error if error.path else MclError(error.message, error.hint, path=path) from error
     scans = drive.scans if schema.SOURCE in metadata else mark_no_return(drive.scans)
@@ -59,19 +64,23 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
     poses, inside = np.zeros((len(stamps), 3)), np.ones(len(stamps), np.bool_)
     if odometry is not None:
         poses, inside = odometry_at(stamps, sequences, odometry)
-        if not inside.any():
-            raise MclError(
-                f"no scan lies within the odometry's time span: scans {_span(stamps)}, "
-                f"odometry {_span(odometry.stamps)}",
-                "two clocks?",
-                path=path,
-            )
         sweeps = sweeps_of(laser, stamps[inside], poses[inside], odometry)
     turns = None if drive.gyroscope is None else turns_at(stamps[inside], drive.gyroscope, odometry)
     told = {"beam_times_unused": wrong_times} if wrong_times else {}
     if drive.gyroscope is not None and turns is None:
         told["imu_unused"] = "it says nothing at the scans' stamps"
+    remarks = [*drive.remarks, *(own.remarks if own is not None else ())]
+    if len(drive.clock.begins) > 1 or (names is not None and names.stamps == "log"):
+        told["restamped"] = "yes"
+    if remarks:
+        told["remarks"] = json.dumps(remarks)
     metadata[schema.READER] = {**drive.origin, "scans_outside_odometry": str(int((~inside).sum())), **told}
+    begins = drive.clock.begins
+    if schema.STRETCHES in metadata:
+        begins = from_record(metadata[schema.STRETCHES])
+    stretches = stretches_of(stamps[inside], begins) if len(begins) > 1 else None
+    if stretches is not None and schema.STRETCHES not in metadata:
+        metadata[schema.READER]["kidnapped_at"] = json.dumps(begins_after(stamps[inside], stretches))
     with path.open("rb") as content:
         digest = hashlib.file_digest(content, "sha256").hexdigest()
     return Log(
@@ -82,20 +91,24 @@ def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names |
         stamps=stamps[inside],
         odometry=poses[inside],
         ranges=ranges[inside],
-        grid=grid,
+        grid=own if grid is None else grid,
         ground_truth=truth,
         metadata=metadata,
         wheels=odometry is not None,
         sweeps=sweeps,
         turns=turns,
+        stretches=stretches,
     )
 
 
-def own_map(file: McapFile) -> OccupancyGrid | None:
-    """The map that travels in a file: with all its digits if it has them, else its last /map; None if it has none."""
+def own_map(file: McapFile, scan_topic: str | None = None) -> OccupancyGrid | None:
+    """The map that travels in a file: with all its digits if it has them, else its last /map; None if it has none.
+
+    ``scan_topic``: a topic of the robot whose map is wanted, where there are several robots.
+    """
     if (cells := file.attachment(schema.MAP_CELLS)) is not None:
         return unpack_grid(cells)
-    topic = find(file, schema.GRID_TYPE)
+    topic = find(file, schema.GRID_TYPE, beside=scan_topic)
     return None if topic is None else decode_grid(file.messages([topic])[topic])
 
 
@@ -123,10 +136,6 @@ def _right_way_up(
     return laser, np.ascontiguousarray(ranges)
 
 
-def _span(stamps: NDArray[np.int64]) -> str:
-    return f"from {stamps.min() / 1e9:.3f} to {stamps.max() / 1e9:.3f} s"
-
-
 def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> NDArray[np.float32]:
     """REP 117: NaN where invalid, inf where nothing came back."""
     low, high = np.float32(range_min), np.float32(range_max)
@@ -135,9 +144,9 @@ def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> N
         return np.where((ranges <= 0) | (ranges < low), np.float32(np.nan), ranges)
 
 
-def _ground_truth(messages: Messages | None) -> Trajectory | None:
+def _ground_truth(messages: Messages | None, clock: Clock) -> Trajectory | None:
     if messages is None or messages.topic.type != schema.POSE_TYPE:
         return None
-    poses = decode_poses(messages)
+    poses = clock(decode_poses(messages))
     order = np.argsort(poses.stamps, kind="stable")
     return Trajectory(poses.stamps[order], poses.planar[order], poses.frame)

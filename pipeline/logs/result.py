@@ -21,7 +21,7 @@ from pipeline import __version__
 from pipeline.errors import MclError
 from pipeline.geometry import compose, inverse, yaw_to_quaternion
 from pipeline.logs import cdr, schema
-from pipeline.logs.collect import find
+from pipeline.logs.choice import find
 from pipeline.logs.columns import PoseColumns
 from pipeline.logs.encode import map_message
 from pipeline.logs.mcap_file import McapFile
@@ -45,10 +45,11 @@ class ResultFile:
         self.path = Path(path)
         if self.path.exists():
             raise MclError("this file exists already", "results are never overwritten", path=path)
+        log.check_copied()
         self._log, self._about = log, {"version": __version__, **(about or {})}
         self._odom, self._base, _ = log.metadata[schema.READER]["frames"].split(" -> ")
         self._partial = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
-        self._source = McapFile(log.path)
+        self._source = McapFile(log.mcap)
         try:
             self._prepare()
             with told(self.path):

@@ -56,6 +56,7 @@ VIEW_TRUE_PATH: Final = "/view/true_path"
 VIEW_TRANSFORMS: Final = frozenset({VIEW_TF, VIEW_TRUE_TF})
 
 LASER_SCAN_TYPE: Final = "sensor_msgs/msg/LaserScan"
+MULTI_ECHO_TYPE: Final = "sensor_msgs/msg/MultiEchoLaserScan"
 ODOMETRY_TYPE: Final = "nav_msgs/msg/Odometry"
 TF_TYPE: Final = "tf2_msgs/msg/TFMessage"
 GRID_TYPE: Final = "nav_msgs/msg/OccupancyGrid"
@@ -114,6 +115,7 @@ MAP_SOURCE: Final = "mcl:map"  # format, file and checksum of the map, and its h
 FAULTS: Final = "mcl:faults"  # the faults made in it on purpose, one a key: for who judges a run
 RESULT: Final = "mcl:result"  # of a result: version, seed, and the configuration as YAML
 LASER_ODOMETRY_ABOUT: Final = "mcl:laser_odometry"  # of a file with /laser_odom: version, and who was heard
+STRETCHES: Final = "mcl:stretches"  # where the recording began anew: nanoseconds of each stretch's first message
 READER: Final = "reader"  # not in the file: what the reader chose and left out, in Log.metadata
 
 # Attachments.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 
 NANOSECONDS = 1_000_000_000
+MOST = Decimal("1e18")
+"""Seconds: the universe is not that old, and numbers without end would take time without end."""
 
 
 def parse_stamp(text: str) -> int:
@@ -16,8 +18,10 @@ def parse_stamp(text: str) -> int:
     if seconds.isdecimal() and len(fraction) <= 9 and (not fraction or fraction.isdecimal()):
         return int(seconds) * NANOSECONDS + int(fraction.ljust(9, "0"))
     try:
-        return round(Decimal(text) * NANOSECONDS)
-    except (InvalidOperation, ValueError, OverflowError) as error:
+        if abs(number := Decimal(text)) < MOST:
+            return round(number * NANOSECONDS)
+        raise ValueError("too large")
+    except (ArithmeticError, ValueError) as error:
         raise ValueError(f"{text!r} is not a number of seconds") from error
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.geometry import compose
+from pipeline.geometry import Pose, compose
 from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, planar_poses
 from pipeline.logs.decode import decode_links
@@ -24,10 +24,15 @@ Links = Mapping[str, PoseColumns]
 
 
 class Transforms:
-    """The transforms of a recording; each frame hangs from one parent, the first that it is said to have."""
+    """The transforms of a recording; each frame hangs from one parent, the first that it is said to have.
 
-    def __init__(self, recorded: Recorded) -> None:
+    ``topics``: those to read, where some are of another robot; what the ones with the highest number say counts first.
+    """
+
+    def __init__(self, recorded: Recorded, topics: Mapping[str, int] | None = None) -> None:
         self._recorded = recorded
+        self._topics = dict.fromkeys(recorded.topics, 0) if topics is None else topics
+        self._remarks: dict[str, list[str]] = {}
 
     def __bool__(self) -> bool:
         return bool(self.static or self.moving)
@@ -104,6 +109,13 @@ class Transforms:
             path=self._recorded.path,
         )
 
+    def remarks(self, *frames: str) -> list[str]:
+        """What a user should know of the transforms above these frames, as far as somebody has asked for them."""
+        read: dict[str, Links] = vars(self)  # where cached properties are kept: /tf is long, and often nobody needs it
+        links = {**read.get("moving", {}), **read.get("static", {})}
+        children = [child for frame in frames for child in (frame, *(link.frame for link in _upwards(links, frame)))]
+        return [said for child in dict.fromkeys(children) for said in self._remarks.get(child, [])]
+
     def describe(self) -> str:
         """Which links there are, for an error message."""
         links = {**self.moving, **self.static}.values()
@@ -126,10 +138,15 @@ class Transforms:
             for topic in self._recorded.topics.values()
             if topic.type == schema.TF_TYPE and topic.encoding == schema.MESSAGE_ENCODING
             if topic.name.endswith("tf_static") == static and topic.name not in schema.VIEW_TRANSFORMS
+            if topic.name in self._topics
         ]
         links: dict[str, PoseColumns] = {}
-        for messages in self._recorded.messages(names).values() if names else ():
-            links = decode_links(messages) | links
+        read = self._recorded.messages(names) if names else {}
+        for name in sorted(read, key=lambda name: -self._topics[name]):
+            found, remarks = decode_links(read[name], static=static)
+            links = found | links
+            for child, said in remarks.items():
+                self._remarks.setdefault(child, []).extend(said)
         return links
 
 
@@ -139,7 +156,16 @@ def moved(odometry: PoseColumns, base: str, base_in_child: Matrix) -> PoseColumn
     return replace(
         planar_poses(odometry.stamps, odometry.sequences, poses, odometry.frame, base),
         positions=np.column_stack([poses[:, :2], odometry.positions[:, 2] + base_in_child[2, 3]]),
+        stretch=odometry.stretch,
+        remarks=odometry.remarks,
     )
+
+
+def in_space(pose: Pose) -> Matrix:
+    """The 4x4 matrix of a pose in the plane."""
+    x, y, yaw = pose
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0, x], [s, c, 0.0, y], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def planar(matrix: Matrix) -> NDArray[np.float64]:

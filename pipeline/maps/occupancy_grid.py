@@ -5,11 +5,19 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.errors import MclError
 from pipeline.geometry import Pose, compose, inverse
+
+LARGE = 16_000_000
+"""Cells above which only the part of a map is kept that says anything."""
+MOST_CELLS, BYTES_EACH = 100_000_000, 71
+"""Cells that a map may have, and what each takes in memory until the first scan is in."""
 
 
 @dataclass(frozen=True)
@@ -67,3 +75,38 @@ class OccupancyGrid:
         origin = tuple(float(value) for value in self.origin)
         digest.update(repr(((self.height, self.width), float(self.resolution), origin)).encode())
         return digest.hexdigest()
+
+
+def part_that_is_known(levels: NDArray[np.integer[Any]], known: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Rows and columns of the smallest part of an image that holds all pixels of levels that are ``known`` (levels,).
+
+    The whole image if there are none.
+    """
+    block = 1024
+    rows = np.concatenate([known[levels[i : i + block]].any(axis=1) for i in range(0, len(levels), block)])
+    if not rows.any():
+        return slice(0, levels.shape[0]), slice(0, levels.shape[1])
+    first, last = np.flatnonzero(rows)[[0, -1]].tolist()
+    columns = np.zeros(levels.shape[1], np.bool_)
+    for i in range(first, last + 1, block):
+        columns |= known[levels[i : min(i + block, last + 1)]].any(axis=0)
+    left, right = np.flatnonzero(columns)[[0, -1]].tolist()
+    return slice(first, last + 1), slice(left, right + 1)
+
+
+def cropped(shape: tuple[int, ...], rows: slice, columns: slice) -> str:
+    """A remark on what was kept of a large map."""
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    return f"of its {shape[1]:,} x {shape[0]:,} cells the {width:,} x {height:,} are kept that say anything"
+
+
+def check_cells(shape: tuple[int, ...], path: Path | None = None) -> None:
+    """Raises MclError if a map of this shape is too large; ``path`` names it."""
+    height, width = shape
+    if height * width > MOST_CELLS:
+        need = height * width * BYTES_EACH / 1e9
+        raise MclError(
+            f"a map of {width:,} x {height:,} cells would need about {need:.0f} GB of memory",
+            "use larger cells, or a part of it",
+            path=path,
+        )

@@ -252,7 +252,7 @@ def test_a_converted_file_is_not_converted_again(tmp_path: Path) -> None:
 
 def test_only_bags_have_topics_to_choose(tmp_path: Path) -> None:
     (tmp_path / "a.log").write_text("O 1 2 3 4\n")
-    with pytest.raises(MclError, match="a CMU O/L text log has no topics and frames to choose"):
+    with pytest.raises(MclError, match="a CMU O/L text log has no topics, frames and clocks to choose"):
         convert([tmp_path / "a.log"], tmp_path / "a.mcap", names=Names(scan_topic="/scan"))
 
 
@@ -260,7 +260,7 @@ def test_messages_that_are_promised_and_missing(tmp_path: Path) -> None:
     folder = ros2(ordinary(), tmp_path / "bag", StoragePlugin.SQLITE3)
     with sqlite3.connect(folder / "bag.db3") as database:
         database.execute("DELETE FROM messages WHERE topic_id = (SELECT id FROM topics WHERE name LIKE '%scan_front')")
-    with pytest.raises(MclError, match="bag: damaged: 10 messages on /base/scan_front promised, none there"):
+    with pytest.raises(MclError, match=r"no laser scans .*promises 10 messages on /base/scan_front, and none is here"):
         convert([folder], tmp_path / "a.mcap")
 
 

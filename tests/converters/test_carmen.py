@@ -42,7 +42,7 @@ def robotlaser(stamp: str, ranges=(1.0, 2.0), remissions=(), max_range=8.0) -> s
 
 
 def parse(*lines: str):
-    return parse_carmen("\n".join(lines).encode(), NOWHERE)
+    return parse_carmen(("\n".join(lines) + "\n").encode(), NOWHERE)
 
 
 def write(path: Path, *lines: str) -> Path:
@@ -166,7 +166,6 @@ def test_params_and_truepos():
         (flaser("2").replace("3", "nan", 1), "'nan' is not a finite number"),
         (flaser("-2"), "the stamp -2.000000000 is out of bounds"),
         (flaser("soon"), "'soon' is not a number of seconds"),
-        (flaser("2", ranges=(1.0, 2.0)), "2 readings where the lines before have 4"),
         ("ODOM 1 2 3", "ODOM: expected 10 words, found 4"),
         ("TRUEPOS 1 2 3 4 5 inf 6 host 7", "'inf' is not a finite number"),
         ("PARAM alone", "PARAM: the line is cut"),
@@ -246,7 +245,7 @@ def test_packed_logs_are_known_by_their_content(tmp_path, pack):
 
 def test_a_cut_bzip2_file_is_one_line(tmp_path):
     path = tmp_path / "a.clf.bz2"
-    path.write_bytes(bz2.compress(flaser("1").encode())[:-9])
+    path.write_bytes(bz2.compress(flaser("1").encode())[:-19])
     with pytest.raises(MclError, match="cut or damaged"):
         read_carmen(path)
     assert not is_carmen_text(path, path.read_bytes())

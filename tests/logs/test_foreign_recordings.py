@@ -184,8 +184,10 @@ def test_a_laser_that_moves_on_the_robot(tmp_path: Path) -> None:
     recording.scan(int(1.5 * SECOND), [1.0] * 5, frame="nodding", topic="/scan")
     for i in range(3):
         link(recording, SECOND + i, "base_link", "nodding", 0.1, 0.2 * i)
+    path = recording.write(tmp_path / "a.mcap")
     with pytest.raises(MclError, match="'nodding' moves on the robot: base_link -> nodding"):
-        read_log(recording.write(tmp_path / "a.mcap"))
+        read_log(path, names=Names(scan_topic="/scan"))
+    assert read_log(path).metadata["reader"]["scan_topic"] == "/base/scan_front"  # of several the one that can serve
 
 
 def test_transforms_below_a_namespace_and_slashes_before_frames(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def test_stamps_in_text(text: str, stamp: int) -> None:
     assert parse_stamp(text) == stamp
 
 
-@pytest.mark.parametrize("text", ["", "a", "1.2.3", "nan", "inf", "1,5", "0x10"])
+@pytest.mark.parametrize("text", ["", "a", "1.2.3", "nan", "inf", "1,5", "0x10", "1e99999999", "-1e999999999999"])
 def test_what_is_no_stamp(text: str) -> None:
     with pytest.raises(ValueError, match="not a number of seconds"):
         parse_stamp(text)

@@ -115,7 +115,9 @@ def test_a_log_without_a_map_can_be_given_one(tmp_path, monkeypatch):
     for words, drawn in (((), False), (("--map", str(sample / "office.dat.gz")), True)):
         assert CliRunner().invoke(app, ["view", str(path), *words]).exit_code == 0
         assert any(chunk.entity_path == "/world/map" for chunk in shown.pop().chunks) == drawn
-    refused = CliRunner().invoke(app, ["view", str(tmp_path), "--map", str(sample / "office.dat.gz")])
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "run.rrd").touch()
+    refused = CliRunner().invoke(app, ["view", str(tmp_path / "run"), "--map", str(sample / "office.dat.gz")])
     assert refused.exit_code == 2
 
 

@@ -1,0 +1,110 @@
+"""Raw logs and bags that are converted on the way to a command, and kept in the cache by what they hold."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import converters
+from converters.text import sha256
+from pipeline import logs
+from pipeline.errors import MclError
+from pipeline.logs.mcap_file import A_RUN, MAGIC, RRD_MAGIC
+from pipeline.logs.recorded import Names
+from pipeline.maps.range_table import UNUSED, cache_dir
+
+_SUFFIXES = (".gz", ".bz2", ".log", ".clf", ".bag", ".active", ".db3", ".mcap", ".zstd", ".txt")
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A log that was converted: its ``name``, the ``mcap`` that it became, what it was, and its own checksum."""
+
+    name: str
+    mcap: Path
+    format: str
+    sha256: str
+
+
+def converted(path: Path, names: Names | None = None) -> Converted | None:
+    """What a raw log or a bag becomes, from the cache or made now; None for an .mcap, which is read as it is.
+
+    Raises MclError for a run, and whatever is wrong in the log.
+    """
+    if path.is_dir():
+        if any(path.glob("*.rrd")):
+            raise MclError(*A_RUN, path=path)
+    else:
+        head = _head(path)
+        if head.startswith(RRD_MAGIC):
+            raise MclError(*A_RUN, path=path)
+        if head.startswith(MAGIC):
+            return None
+    kind = converters.format_of(path)
+    content = _content(path)
+    key = hashlib.sha256(f"{content} {names!r} {_version()}".encode()).hexdigest()
+    mcap = cache_dir() / "logs" / f"{key[:32]}.mcap"
+    if not _whole(mcap):
+        with suppress(OSError):
+            mcap.parent.mkdir(parents=True, exist_ok=True)
+            _make_room(mcap.parent)
+        converters.convert([path], mcap, names=names)
+    with suppress(OSError):
+        mcap.touch()
+    return Converted(_name(path), mcap, kind.DESCRIPTION, content)
+
+
+def _head(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC))
+    except FileNotFoundError as error:
+        raise MclError("no such file", path=path) from error
+    except OSError as error:
+        raise MclError(f"cannot be read: {error.strerror}", path=path) from error
+
+
+def _whole(mcap: Path) -> bool:
+    """Whether a file of the cache is there and has both its ends."""
+    try:
+        with mcap.open("rb") as file:
+            begin = file.read(len(MAGIC))
+            file.seek(-len(MAGIC), 2)
+            return begin == MAGIC and file.tell() > 0 and file.read() == MAGIC
+    except OSError:
+        return False
+
+
+def _make_room(folder: Path) -> None:
+    for old in folder.glob("*.mcap"):
+        if time.time() - old.stat().st_mtime > UNUSED:
+            old.unlink()
+
+
+def _content(path: Path) -> str:
+    """The checksum of a file, or of all files in a folder."""
+    if path.is_file():
+        return sha256(path)
+    parts = "\n".join(f"{part.name} {sha256(part)}" for part in sorted(path.iterdir()) if part.is_file())
+    return hashlib.sha256(parts.encode()).hexdigest()
+
+
+@cache
+def _version() -> str:
+    """Of the code that converts: what another one made is made again."""
+    digest = hashlib.sha256()
+    for package in (converters, logs):
+        for source in sorted(Path(package.__path__[0]).glob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def _name(path: Path) -> str:
+    name = path.name
+    while (suffix := Path(name).suffix) in _SUFFIXES:
+        name = name.removesuffix(suffix)
+    return name or path.name
