@@ -165,7 +165,8 @@ class Score:
     is localized and has 90 % of the belief there; None also where the belief is not told. ``position_error``,
     ``heading_error``: since it was found.
     ``ate``: RMSE of the position over all scans; ``ate_after``: since it was found. ``end_*``: at the last scan.
-    ``false_alarms``: events "lost" just after a scan that was localized: a right verdict mends the estimate at once.
+    ``false_alarms``: events "lost" just after a scan that was localized, unless somebody carried the robot off between
+    the two: a right verdict mends the estimate at once.
     ``hindsight_*``: of the trajectory smoothed afterwards: errors at the first scan, and RMSE over all. ``scored``:
     scans within the reference's span.
     """
@@ -235,13 +236,18 @@ def score(
         end_position_error=float(position[last]),
         end_heading_error=float(np.degrees(heading[last])),
         recoveries=tuple(Recovery(at, time) for at, time in zip(sorted(kidnapped_at), found[1:], strict=True)),
-        false_alarms=sum(bool(localized[max(0, scan - 1)]) for scan in lost_at),
+        false_alarms=sum(bool(localized[k - 1]) and not _carried(times, k, kidnapped_at) for k in lost_at if k > 0),
         hindsight_start_position_error=float(smoothed[0][0]) if smoothed else None,
         hindsight_start_heading_error=float(np.degrees(smoothed[1][0])) if smoothed else None,
         hindsight_ate=rmse(smoothed[0]) if smoothed else None,
         scored=int(np.sum(scored)),
         certain_at=float(times[certain[0]]) if len(certain) else None,
     )
+
+
+def _carried(times: Array, scan: int, kidnapped_at: Sequence[float]) -> bool:
+    """Whether somebody carried the robot off between a scan and the one before."""
+    return any(times[scan - 1] < at <= times[scan] for at in kidnapped_at)
 
 
 def _stretches(times: Array, scored: Mask, kidnapped_at: Sequence[float]) -> list[tuple[float, NDArray[np.int64]]]:

@@ -53,7 +53,13 @@ def long_log(**changes) -> Log:
 def follows_the_wheels(log: Log, config: Config, *, seed: int, threads: int):
     """A robot that believes its odometry, whatever befalls it."""
     return SimpleNamespace(
-        stamps=log.stamps, poses=log.odometry, hindsight=None, events=(), seconds={"filter": 0.1}, seed=seed
+        stamps=log.stamps,
+        poses=log.odometry,
+        hindsight=None,
+        weights=np.ones(len(log)),
+        events=(),
+        seconds={"filter": 0.1},
+        seed=seed,
     )
 
 
@@ -234,7 +240,8 @@ def test_who_knows_the_truth_is_never_lost() -> None:
 
     def knows(given: Log, config: Config, *, seed: int, threads: int):
         _, rows = disturbed(log, draw_failures(log.times, log.odometry, 0.05, seed))
-        return SimpleNamespace(stamps=given.stamps, poses=log.odometry[rows], hindsight=None, events=(), seconds={})
+        poses, weights = log.odometry[rows], np.ones(len(rows))
+        return SimpleNamespace(stamps=given.stamps, poses=poses, hindsight=None, weights=weights, events=(), seconds={})
 
     done = evaluate([log], [None], Config(), runs=12, jobs=1, failures=0.05, runner=knows)
     assert {row[3] for row in fault_table(done)} == {"100.0%"}

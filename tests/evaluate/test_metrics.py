@@ -211,6 +211,13 @@ def test_false_alarms_are_lost_events_while_localized():
     assert run([5, 5, 0, 0, 0]).false_alarms == 0
 
 
+def test_no_alarm_is_false_at_the_first_scan_of_a_robot_that_was_carried_off():
+    at = 3.0
+    assert run([0, 0, 0, 0, 0, 0], lost_at=[3]).false_alarms == 1
+    assert run([0, 0, 0, 0, 0, 0], lost_at=[3], kidnapped_at=[at]).false_alarms == 0
+    assert run([0, 0, 0, 0, 0, 0], lost_at=[4], kidnapped_at=[at]).false_alarms == 1
+
+
 def test_hindsight_is_judged_at_the_first_scored_scan():
     truth = np.zeros((3, 3))
     truth[0] = np.nan
