@@ -28,7 +28,7 @@ demo: $(INSTALLED)  ## Find the robot in the embedded building and write a recor
 	$(BIN)/mcl demo
 
 test: lint  ## Everything that is checked: style, types, layers, tests
-	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist worksteal
+	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadscope
 
 lint: $(INSTALLED)  ## Style, types and layers only
 	$(BIN)/ruff check

@@ -62,6 +62,6 @@ class Gaps:
         if missing:
             # In a window as wide as it is after so long a time something always fits by chance.
             return Gap("missing", seconds, told, bridged=not parted and not now.wide and now.fit >= GOOD)
-        if (parted or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
+        if ((parted and not now.blind) or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
             return Gap("unmatched" if seconds < MOMENT else "sparse", seconds, told)
         return None

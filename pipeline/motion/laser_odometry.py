@@ -49,8 +49,8 @@ ELSEWHERE_D, ELSEWHERE_A = 0.03, 0.03
 """m, rad: two matches closer than this are one."""
 FASTEST, SPINNING = 5.0, 6.0
 """m/s, rad/s: no robot drives or turns faster."""
-BURST = 0.1
-"""s: stamps of scans that were written in a burst may be closer than the scans were."""
+USUAL = 0.02
+"""Share of a new interval in the usual one: stamps that are written in a burst are closer than the scans were."""
 SIGMA = 0.02
 """m: deviation of a point from its line, from which the covariance follows. Larger than a laser's own noise, since
 neighbours err together: in three real buildings NEES is about 1, in made-up ones 0.2 to 0.6 (docs/motion.md)."""
@@ -71,6 +71,7 @@ class Match:
     ``fit``: how well the scan fits there, in [0, 1]; ``fit_as_told``: at the first guess, which is the wheels' if there
     are wheels; ``open``: unit vector (2,) of a direction that the walls leave open, None if there is none; ``wide``:
     found in a wide window only; ``stretch``: counts the breaks. Poses of two stretches say nothing about each other.
+    ``blind``: it broke for want of walls, in this scan or in the memory, and not because they were others.
     """
 
     pose: Array
@@ -80,6 +81,7 @@ class Match:
     open: Array | None
     wide: bool
     stretch: int
+    blind: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,7 @@ class LaserOdometry:
         self._seen = np.empty((4, laser.beams), np.float32)
         self._walls = _Walls(2 * POINTS)
         self._pose, self._stretch = np.zeros(3), 0
+        self._usual = 0.0
 
     @property
     def walls(self) -> NDArray[np.float32]:
@@ -120,9 +123,10 @@ class LaserOdometry:
         ``seconds``. ``told``: the first guess is somebody's word, the wheels', and not just how the robot moved before.
         """
         n, seen = self._points(ranges)
+        self._usual += USUAL * (seconds - self._usual) if self._usual else seconds
         first = compose(self._pose, guesses[0])
         if self._walls.empty or seen.shape[1] < FEWEST:
-            return self._lost(first, n)
+            return self._lost(first, n, blind=True)
         least, wide = PRICE / seen.shape[1], False
         self._walls.least = OPEN_POINTS if told else 0.0
         best = self._walls.match(seen, first)
@@ -152,7 +156,7 @@ class LaserOdometry:
 
     def _possible(self, pose: Array, seconds: float) -> bool:
         """Whether a robot gets there in that time."""
-        step, seconds = between(self._pose, pose), max(seconds, BURST)
+        step, seconds = between(self._pose, pose), max(seconds, self._usual)
         return math.hypot(step[0], step[1]) < FASTEST * seconds + 0.1 and abs(step[2]) < SPINNING * seconds + 0.2
 
     def fit(self, ranges: NDArray[np.float32], guess: Array) -> float:
@@ -167,14 +171,14 @@ class LaserOdometry:
         n = surfaces(ranges, *self._beams, *self._surface, self._seen)
         return n, np.ascontiguousarray(self._seen[:, : n : max(1, -(-n // POINTS))])
 
-    def _lost(self, told: Array, n: int) -> Match:
+    def _lost(self, told: Array, n: int, blind: bool = False) -> Match:
         """No match holds: go on from where the first guess leads, with no memory of what was before."""
         self._pose, self._stretch = told, self._stretch + 1
         self._walls.forget()
         if n >= FEWEST:
             self._walls.remember(self._seen[:, :n], told)
         # Where walls are remembered from here on, they are where this pose says: it cannot be wrong against them.
-        return Match(told, np.zeros((3, 3)), 0.0, 0.0, None, False, self._stretch)
+        return Match(told, np.zeros((3, 3)), 0.0, 0.0, None, False, self._stretch, blind)
 
 
 @dataclass(frozen=True)

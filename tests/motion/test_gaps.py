@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,10 @@ def test_other_walls_from_one_scan_to_the_next(now: Match) -> None:
     assert gap is not None
     assert gap.kind == "unmatched"
     assert not gap.driven
+
+
+def test_a_scan_that_shows_no_walls_is_no_gap() -> None:
+    assert after(0.2, 0.2, DROVE * 0.05, dataclasses.replace(match(stretch=1), blind=True)) is None
 
 
 def test_without_wheels_a_laser_that_parts_is_no_news() -> None:

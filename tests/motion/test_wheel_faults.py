@@ -76,7 +76,7 @@ def test_numbers_are_told() -> None:
     (lag,) = named(true, WRONG["late"](true))[0]
     assert "0.40 +- 0.0" in lag.text
     assert "behind the laser" in lag.text
-    assert "115 deg left of where the wheels say" in named(true, WRONG["turned"](true))[0][0].text
+    assert "115 deg right of where the wheels say" in named(true, WRONG["turned"](true))[0][0].text
 
 
 @pytest.mark.parametrize("kind", ["mirrored", "scale"])
