@@ -70,3 +70,21 @@ def test_a_counter_that_is_restarted_costs_nothing_and_is_named(office: Log) -> 
     (leap,) = events(result, "slipped")
     assert f"at {office.times[200]:.1f} s" in leap
     assert events(result, "lost") == []
+
+
+def test_a_grid_that_hears_of_a_carrying_may_be_anywhere(office: Log) -> None:
+    log = cut(office, carried=True)
+    begin, end = FROM - 20, FROM + 30
+    truth = log.ground_truth
+    near = dataclasses.replace(
+        log,
+        stamps=log.stamps[begin:end],
+        odometry=log.odometry[begin:end],
+        ranges=log.ranges[begin:end],
+        ground_truth=dataclasses.replace(truth, stamps=truth.stamps[begin:end], poses=truth.poses[begin:end]),
+    )
+    start = tuple(truth.poses[begin].tolist())
+    result = localize(near, Config(filter="grid", grid_d=0.2, grid_a=0.07, init="pose", initial_pose=start), seed=1)
+    found = right(near, result)
+    assert found[:20].all()
+    assert found[30:].all()

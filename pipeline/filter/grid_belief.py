@@ -30,6 +30,8 @@ MOST_CELLS = 30_000_000
 """Cells at the start, for which some 4 GB are needed."""
 HERE = (0.5, math.radians(10.0))
 """m, rad: what lies as close to the estimate is the same place: as close as a pose must be to count as right."""
+ANYWHERE = 0.5
+"""Share of the belief that may be anywhere, where nobody saw the way and the wheels stood still."""
 SHOW = 1
 """Purpose of random numbers."""
 
@@ -64,15 +66,20 @@ class GridBelief:
         self._cells = self._around_pose() if self._config.init == "pose" else self._everywhere()
         self._weigh(reading, scan)
 
-    def advance(self, prior: Prior, reading: Reading, scan: int) -> None:
-        """Every cell moves as the prior says, and is weighed."""
+    def advance(self, prior: Prior, reading: Reading, scan: int, carried: bool = False) -> None:
+        """Every cell moves as the prior says, and is weighed; ``carried``: or the robot may be anywhere."""
         ways = grouped(prior, self._lattice)
         before, self._lattice = self._lattice, self._lattice.moved(ways[0].step)
         parts = [
             (way.share, before.spread(self._cells, self._lattice, way.step, way.covariance, self._plane))
             for way in ways
         ]
-        self._cells = predicted = together(parts, self._plane)
+        predicted = together(parts, self._plane)
+        if carried:
+            rest = 1.0 - ANYWHERE
+            parts = [(rest * share, cells) for share, cells in parts]
+            predicted = together([(rest, predicted), (ANYWHERE, self._everywhere())], self._plane)
+        self._cells = predicted
         if not len(predicted.row):
             raise MclError("the belief has left the map", "start anew with another init or initial_pose")
         factor = self._weigh(reading, scan)
@@ -84,7 +91,7 @@ class GridBelief:
                 at = (predicted.start, predicted.row, predicted.col)
                 of_way = share * sum_of_products(*lists, *at, factor, self._plane)
             self.followed[list(way.members)] = of_way * way.shares / way.share
-        self.followed /= self.followed.sum()
+        self.followed /= max(self.followed.sum(), 1e-300)
 
     def _everywhere(self) -> Cells:
         free = self._grid.free(self._config.free_threshold)

@@ -34,8 +34,9 @@ class GridFilter(ParticleFilter):
         self,
         scan: Scan,
         reading: Reading,
-        motion: Motion,  # noqa: ARG002
+        motion: Motion,
         prior: Prior,
     ) -> tuple[bool, Verdict | None]:
-        self._cells.advance(prior, reading, scan.index)
+        carried = motion.unseen is not None and not motion.unseen.driven
+        self._cells.advance(prior, reading, scan.index, carried)
         return False, None
