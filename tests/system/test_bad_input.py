@@ -4,12 +4,32 @@ from __future__ import annotations
 
 import gzip
 import re
+import subprocess
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
 from commands import Command, Journey
+from typer.testing import CliRunner
 
+from pipeline.cli import app
 from pipeline.simulate import sample_dir
+
+
+@pytest.fixture(scope="module")
+def typed_here(tmp_path_factory: pytest.TempPathFactory) -> Command:
+    """Runs `mcl` in this process: a hundred times the start of a new one would take minutes."""
+    home, runner = tmp_path_factory.mktemp("here"), CliRunner(env={"NO_COLOR": "1"})
+
+    def run(*args: object, code: int = 0, cwd: Path = home) -> subprocess.CompletedProcess[str]:
+        words = list(map(str, args))
+        with chdir(cwd):
+            done = runner.invoke(app, words, prog_name="mcl")
+        assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+        assert done.exit_code == code, done.stderr
+        return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)
+
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -192,9 +212,9 @@ def contents(folder: Path) -> dict[str, bytes | None]:
 
 
 @pytest.mark.parametrize("typed", BAD_INPUT)
-def test_bad_input_gets_one_line_and_leaves_nothing(typed: str, mcl: Command, desk: Path) -> None:
+def test_bad_input_gets_one_line_and_leaves_nothing(typed: str, typed_here: Command, desk: Path) -> None:
     before = contents(desk)
-    done = mcl(*typed.split(), code=1, cwd=desk)
+    done = typed_here(*typed.split(), code=1, cwd=desk)
     assert done.stdout == ""
     assert re.fullmatch(rf"error: .*{BAD_INPUT[typed]}.*\n", done.stderr), done.stderr
     assert contents(desk) == before
@@ -206,9 +226,9 @@ def test_a_configuration_that_is_no_text(mcl: Command, desk: Path) -> None:
 
 
 @pytest.mark.parametrize("typed", BAD_USAGE)
-def test_bad_usage_gets_the_usage(typed: str, mcl: Command, desk: Path) -> None:
+def test_bad_usage_gets_the_usage(typed: str, typed_here: Command, desk: Path) -> None:
     before = contents(desk)
-    done = mcl(*typed.split(), code=2, cwd=desk)
+    done = typed_here(*typed.split(), code=2, cwd=desk)
     assert done.stdout == ""
     assert done.stderr.startswith("Usage: mcl")
     assert BAD_USAGE[typed] in done.stderr.splitlines()[-1]
