@@ -106,11 +106,11 @@ def _unseen(step: Step) -> list[Event]:
     if gap is None or gap.kind == "sparse":
         return events
     said = "the wheels say nothing" if gap.told is None else f"the wheels say {in_words(gap.told, 1)}"
-    if gap.kind == "missing":
-        so = "so the robot drove on" if gap.driven else "so the robot may have been carried anywhere"
-        if gap.bridged:
-            so = "and the laser sees again what it saw before"
-        text = f"{gap.seconds:.0f} s are missing before {at}; {said}, {so}."
-    else:
-        text = f"The laser sees other walls at {at} than just before; {said}, so the robot may have been carried."
+    so = "so the robot drove on" if gap.driven else "so the robot may have been carried anywhere"
+    if gap.bridged:
+        so = "and the laser sees again what it saw before"
+    seen = f"{gap.seconds:.0f} s are missing before {at}"
+    if gap.kind == "unmatched":
+        seen = f"The laser sees other walls at {at} than just before"
+    text = f"{seen}; {said}, {so}."
     return [*events, Event("gap", text, "INFO" if gap.bridged else "WARN")]

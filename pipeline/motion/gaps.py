@@ -17,7 +17,7 @@ LONG, TIMES = 2.5, 5.0
 """s, and multiples of the usual time between two scans: a scan that comes later than both has a gap before it. Loggers
 pause for up to 1.4 s (Intel), and some recordings have a scan every five seconds."""
 MOMENT = 1.0
-"""s: between scans that are farther apart the robot may well have driven to where it sees other walls."""
+"""s: where scans are farther apart than this as a rule, robots often drive to where they see other walls."""
 MOVED, TURNED = 0.3, 0.3
 """m, rad: wheels that say less stood still."""
 
@@ -28,8 +28,8 @@ class Gap:
     wheels say, None if they say nothing.
 
     ``kind``: "missing", there was no scan for a while; "unmatched", the laser sees walls that it has never seen, from
-    one scan to the next; "sparse", the same where scans are so far apart that this is no wonder. ``bridged``: this scan
-    shows walls that were seen before, so that the laser knows where it is.
+    one scan to the next; "sparse", the same in a log whose scans are so far apart that this is no wonder. ``bridged``:
+    this scan shows walls that were seen before, so that the laser knows where it is.
     """
 
     kind: Literal["missing", "unmatched", "sparse"]
@@ -41,8 +41,7 @@ class Gap:
     def driven(self) -> bool:
         """Whether the wheels say that the robot drove on unseen. Those of a robot that is carried stand still."""
         told = self.told
-        moved = told is not None and (math.hypot(*told[:2]) > MOVED or abs(told[2]) > TURNED)
-        return self.kind == "sparse" or (self.kind == "missing" and moved)
+        return told is not None and bool(math.hypot(*told[:2]) > MOVED or abs(told[2]) > TURNED)
 
 
 class Gaps:
@@ -63,5 +62,5 @@ class Gaps:
             # In a window as wide as it is after so long a time something always fits by chance.
             return Gap("missing", seconds, told, bridged=not parted and not now.wide and now.fit >= GOOD)
         if ((parted and not now.blind) or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
-            return Gap("unmatched" if seconds < MOMENT else "sparse", seconds, told)
+            return Gap("unmatched" if usual < MOMENT else "sparse", seconds, told)
         return None

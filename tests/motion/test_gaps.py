@@ -64,9 +64,18 @@ def test_without_wheels_a_laser_that_parts_is_no_news() -> None:
 
 
 def test_scans_that_are_far_apart_may_see_other_walls() -> None:
-    gap = after(5.0, 5.0, DROVE, match(stretch=1))
-    assert gap is not None
-    assert (gap.kind, gap.driven) == ("sparse", True)
+    for told, driven in ((DROVE, True), (STOOD, False)):
+        gap = after(5.0, 5.0, told, match(stretch=1))
+        assert gap is not None
+        assert (gap.kind, gap.driven) == ("sparse", driven)
+
+
+def test_a_scan_that_is_a_little_late_tells_a_carrying_too() -> None:
+    """Two logs one after the other: the second begins a second later, somewhere else."""
+    for told, driven in ((DROVE, True), (STOOD, False)):
+        gap = after(0.2, 1.2, told, match(stretch=1))
+        assert gap is not None
+        assert (gap.kind, gap.driven) == ("unmatched", driven)
 
 
 def heard(log: Log) -> list[Motion]:
