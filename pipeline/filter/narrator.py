@@ -108,7 +108,7 @@ def _unseen(step: Step) -> list[Event]:
     said = "the wheels say nothing" if gap.told is None else f"the wheels say {in_words(gap.told, 1)}"
     so = "so the robot drove on" if gap.driven else "so the robot may have been carried anywhere"
     if gap.bridged:
-        so = "and the laser sees again what it saw before"
+        so = "but the laser sees the walls that it saw before, so nothing is lost"
     seen = f"{gap.seconds:.0f} s are missing before {at}"
     if gap.kind == "unmatched":
         seen = f"The laser sees other walls at {at} than just before"

@@ -84,7 +84,7 @@ def disturbed_columns(
             if (new := told(fault, times, poses)) is not poses:
                 where = odometry.frame, odometry.child_frame
                 odometry = planar_poses(odometry.stamps, odometry.sequences, wrapped(new), *where)
-            odometry = _rows(odometry, recorded(fault, times))
+            odometry = odometry.take(recorded(fault, times))
         keep = scanned(fault, (scans.stamps - start) / 1e9)
         scans = replace(scans, stamps=scans.stamps[keep], sequences=scans.sequences[keep], ranges=scans.ranges[keep])
         if gyroscope is not None:
@@ -125,13 +125,3 @@ def _swept(fault: Fault, log: Log, times: Array, sweeps: Array) -> Array:
         return np.stack([np.interp(then, times, column) for column in sweeps.T], axis=-1)
     seconds = (log.laser.beams - 1) * abs(log.laser.time_increment)
     return changed(fault, sweeps, times, times + seconds)
-
-
-def _rows(poses: PoseColumns, keep: NDArray[np.bool_]) -> PoseColumns:
-    return replace(
-        poses,
-        stamps=poses.stamps[keep],
-        sequences=poses.sequences[keep],
-        positions=poses.positions[keep],
-        orientations=poses.orientations[keep],
-    )

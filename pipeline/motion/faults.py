@@ -197,9 +197,7 @@ class Faults:
         was, self._mirrored = self._mirrored, slope < -0.5 and correlation < -0.8
         if was or not self._mirrored:
             return []
-        text = (
-            f"The wheels' turns are mirrored: what they call left is right. That is plain at {time:.1f} s, and mended."
-        )
+        text = f"The wheels' turns are mirrored: what they call left is right. Found at {time:.1f} s, and corrected from then on."
         return [Fault("mirrored", text)]
 
     def _mount(self, time: float) -> list[Fault]:
@@ -213,7 +211,7 @@ class Faults:
             return []
         aside = f"{abs(math.degrees(angle)):.0f} deg {'left' if angle > 0.0 else 'right'}"
         text = (
-            f"The laser sees the robot drive {aside} of where the wheels say. That is plain at {time:.1f} s. "
+            f"The laser sees the robot drive {aside} of where the wheels say. Found at {time:.1f} s. "
             "Is the laser mounted otherwise than the log says?"
         )
         return [Fault("turned", text)]
@@ -228,7 +226,7 @@ class Faults:
             return []
         text = (
             f"The wheels know no reverse: of {metres:.1f} m backwards they call {forwards:.1f} m forwards. "
-            f"That is plain at {time:.1f} s."
+            f"Found at {time:.1f} s."
         )
         return [Fault("no_reverse", text)]
 
@@ -241,7 +239,7 @@ class Faults:
         self._scale = slope if wrong else 1.0
         if was != 1.0 or not wrong:
             return []
-        text = f"The wheels say {slope:.2f} m for every metre. That is plain at {time:.1f} s, and mended."
+        text = f"The wheels say {slope:.2f} m for every metre. Found at {time:.1f} s, and corrected from then on."
         return [Fault("scale", text)]
 
     def _delay(self, time: float, lag: float, deviation: float) -> list[Fault]:
@@ -250,9 +248,7 @@ class Faults:
         if was or not self.late:
             return []
         way = "behind" if lag > 0.0 else "ahead of"
-        text = (
-            f"The wheels are {abs(lag):.2f} +- {2.0 * deviation:.2f} s {way} the laser. That is plain at {time:.1f} s."
-        )
+        text = f"The wheels are {abs(lag):.2f} +- {2.0 * deviation:.2f} s {way} the laser. Found at {time:.1f} s."
         return [Fault("late", text)]
 
 
@@ -306,7 +302,9 @@ def leap(time: float, step: Array, at: Array) -> Fault:
     """The fault of an odometry that has leapt by ``step`` (3,) m, m, rad, to the pose ``at`` (3,) in its own frame."""
     again = math.hypot(*at[:2]) < NEAR_ZERO and abs(at[2]) < NEAR_ZERO
     what = "It was restarted from zero" if again else "It slipped, or is wrong there"
-    text = f"The odometry leapt at {time:.1f} s: {in_words(step, 1)}, which no robot does. {what}; it counts on."
+    text = (
+        f"The odometry leapt at {time:.1f} s: {in_words(step, 1)}, which no robot does. {what}. This step is left out."
+    )
     return Fault("restarted" if again else "slipped", text)
 
 
