@@ -197,7 +197,9 @@ class Faults:
         was, self._mirrored = self._mirrored, slope < -0.5 and correlation < -0.8
         if was or not self._mirrored:
             return []
-        text = f"The wheels' turns are mirrored: what they call left is right. Found at {time:.1f} s, and corrected from then on."
+        text = (
+            f"The wheels' turns are mirrored: what they call left is right. Found at {time:.1f} s, and corrected since."
+        )
         return [Fault("mirrored", text)]
 
     def _mount(self, time: float) -> list[Fault]:
