@@ -18,6 +18,7 @@ from pipeline.logs.tum import write_tum
 
 RECORDINGS = Path("recordings")
 RECORDING, TRAJECTORY, CONFIG, RUN = "run.rrd", "trajectory.tum", "config.yaml", "run.json"
+MEMORY = "memory.npz"
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,11 @@ class RunFolder:
     def run(self) -> Path:
         """What ran and what came out, JSON."""
         return self.path / RUN
+
+    @property
+    def memory(self) -> Path:
+        """What the scans have shown of the world, for later runs and for a renewed map."""
+        return self.path / MEMORY
 
     def write_config(self, config: Config, heading: Sequence[str] = ()) -> None:
         """Saves the effective configuration, below lines of comment; ``load_config`` reads it back."""
