@@ -17,10 +17,10 @@ from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
 from pipeline.evaluate.runs import kidnapped_in
 from pipeline.filter.step import Step
+from pipeline.judgement.verdict import KINDS, TRUSTED
 from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
-from pipeline.judgement.verdict import KINDS, TRUSTED
 from pipeline.motion.faults import KINDS as FAULTS
 from pipeline.recording.run_folder import RunFolder
 from pipeline.recording.sampling import draw

@@ -91,6 +91,7 @@ def localize(
 ) -> None:
     """Find the robot: recording, trajectory, and what came out."""
     from pipeline.recording.run_folder import create
+    from pipeline.world.seen import seen_in
 
     if (view or connect) and not record:
         raise typer.BadParameter("what is shown is the recording: --no-record leaves nothing to --view")
@@ -105,7 +106,7 @@ def localize(
         raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     opened = open_log(log, map_path, reading)
-    seen = _remembered(memory or [])
+    seen = seen_in(memory or [])
     viewer = _viewer_at(connect) if connect or view else None
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
@@ -122,18 +123,6 @@ def localize(
         console.result(str(run.folder.path))
     if require_found and not run.found_at_end:
         raise typer.Exit(NOT_FOUND)
-
-
-def _remembered(runs: Sequence[Path]) -> Seen | None:
-    """What these runs have shown of the world, together; None of no run."""
-    from pipeline.recording.run_folder import MEMORY
-    from pipeline.world.seen import read_seen
-
-    seen: Seen | None = None
-    for run in runs:
-        found = read_seen(run / MEMORY if run.is_dir() else run.with_name(MEMORY))
-        seen = found if seen is None else seen.merged(found)
-    return seen
 
 
 def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:

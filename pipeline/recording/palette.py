@@ -49,6 +49,13 @@ WEIGHT_COLOURS: NDArray[np.uint8] = np.array(
 )  # fmt: skip
 
 
+VERDICTS: dict[str, Colour] = {
+    "found": (0, 158, 115),
+    "ambiguous": (240, 200, 60),
+    "off the map": (86, 180, 233),
+    "lost": (213, 94, 0),
+}
+
 CHANGED_COLOURS: NDArray[np.uint8] = np.array(
     [(0, 0, 0), (213, 94, 0), (86, 180, 233), (190, 235, 190)], dtype=np.uint8
 )

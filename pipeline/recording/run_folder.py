@@ -15,10 +15,10 @@ from pipeline.config import Config, dump_config
 from pipeline.errors import MclError
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import write_tum
+from pipeline.world.seen import MEMORY
 
 RECORDINGS = Path("recordings")
 RECORDING, TRAJECTORY, CONFIG, RUN = "run.rrd", "trajectory.tum", "config.yaml", "run.json"
-MEMORY = "memory.npz"
 
 
 @dataclass(frozen=True)
