@@ -43,6 +43,7 @@ class RunResult:
     explained: NDArray[np.float64]
     spread: NDArray[np.float64]
     weights: NDArray[np.float64]
+    covariances: NDArray[np.float64]
     converged_at: float | None = None
     hindsight: NDArray[np.float64] | None = None
 
@@ -100,6 +101,7 @@ class _Columns:
     def __init__(self, n: int) -> None:
         self._poses = np.empty((n, 3))
         self._figures = np.empty((n, 6))
+        self._covariances = np.empty((n, 3, 3))
         self._events: list[tuple[int, float, Event]] = []
         self._rows = 0
 
@@ -108,6 +110,7 @@ class _Columns:
         self._figures[self._rows] = (
             len(step.particles), step.ess, step.mean_likelihood, step.explained, step.spread, step.estimate.weight,
         )  # fmt: skip
+        self._covariances[self._rows] = step.estimate.covariance
         self._events += [(step.index, step.time, event) for event in step.events]
         self._rows += 1
 
@@ -125,6 +128,7 @@ class _Columns:
             explained=explained,
             spread=spread,
             weights=weights,
+            covariances=self._covariances,
             converged_at=converged[0] if converged else None,
             hindsight=hindsight,
         )
