@@ -23,7 +23,7 @@ from pipeline.cli.parameters import (
 )
 from pipeline.cli.reading import LogArguments, Reading, open_log, reads_logs
 from pipeline.errors import MclError
-from pipeline.outputs import check_output, replacing
+from pipeline.outputs import check_folder, check_output, replacing
 
 if TYPE_CHECKING:
     from pipeline.evaluate import Calibration, Comparison
@@ -110,6 +110,8 @@ def evaluate(
     """Localize with many seeds and score every run against the truth."""
     if plot is not None:
         _check_plot(plot, force)
+    if keep is not None:
+        check_folder(keep, (), force)
     from pipeline import evaluate as evaluation
     from pipeline.logs.tum import read_tum
 

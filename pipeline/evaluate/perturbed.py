@@ -146,8 +146,9 @@ class Scene:
     def from_way(self) -> Array:
         """Metres of every cell from where the robot's centre was."""
         off = np.ones(self.walls.shape, np.bool_)
-        cols, rows = np.floor(self.drive.way).astype(np.int64).T
-        inside = (rows >= 0) & (cols >= 0) & (rows < off.shape[0]) & (cols < off.shape[1])
+        way = np.floor(self.drive.way).astype(np.int64)
+        cols, rows = way[:, 0], way[:, 1]
+        inside = (rows >= 0) & (cols >= 0) & (rows < self.grid.height) & (cols < self.grid.width)
         off[rows[inside], cols[inside]] = False
         return np.asarray(distance_transform_edt(off)) * self.grid.resolution
 

@@ -41,11 +41,11 @@ class Drive:
 
         ranges = np.empty((len(self.poses), len(self.angles)), np.float32)
         cast(walls.astype(np.uint8), self.poses, self.angles, self.max_range, False, ranges)
-        directions = self.poses[:, 2:] + self.angles
-        length = ranges.astype(np.float64) + _INTO
-        hit = np.isfinite(ranges)
-        cols = np.floor((self.poses[:, :1] + length * np.cos(directions))[hit]).astype(np.int64)
-        rows = np.floor((self.poses[:, 1:2] + length * np.sin(directions))[hit]).astype(np.int64)
+        pose, beam = np.nonzero(np.isfinite(ranges))
+        direction = self.poses[pose, 2] + self.angles[beam]
+        length = ranges[pose, beam] + _INTO
+        cols = np.floor(self.poses[pose, 0] + length * np.cos(direction)).astype(np.int64)
+        rows = np.floor(self.poses[pose, 1] + length * np.sin(direction)).astype(np.int64)
         found = np.zeros(walls.shape, np.bool_)
         inside = (rows >= 0) & (cols >= 0) & (rows < walls.shape[0]) & (cols < walls.shape[1])
         found[rows[inside], cols[inside]] = True
