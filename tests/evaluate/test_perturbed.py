@@ -28,8 +28,8 @@ from pipeline.evaluate import (
     variants,
     with_changes,
 )
+from pipeline.evaluate.changes import KINDS
 from pipeline.evaluate.metrics import interpolate
-from pipeline.evaluate.perturbed import KINDS
 from pipeline.evaluate.seen_walls import drive
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
