@@ -43,8 +43,8 @@ REGION_COLUMNS = ("log", "", "of all scans", "95 % CI", "of right scans", "95 % 
 
 
 def stated_probability(result: RunResult) -> Array:
-    """(n,): with what probability a run says, scan by scan, that its pose is right: its share of the belief."""
-    return result.weights
+    """(n,): with what probability a run says, scan by scan, that its pose is right: its verdict's probability."""
+    return result.probability
 
 
 @dataclass(frozen=True)

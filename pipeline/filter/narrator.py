@@ -6,7 +6,7 @@ import dataclasses
 import math
 
 from pipeline.filter.contradiction import Contradiction
-from pipeline.filter.recovery import Verdict
+from pipeline.filter.recovery import Takeover
 from pipeline.filter.step import Event, Step
 from pipeline.motion.words import in_words
 
@@ -29,13 +29,13 @@ class Narrator:
         self._pace = ""
         self._contradiction = Contradiction()
 
-    def tell(self, step: Step, verdict: Verdict | None) -> Step:
-        """The step, with its events. ``verdict``: of the recovery, if any."""
+    def tell(self, step: Step, takeover: Takeover | None) -> Step:
+        """The step, with its events. ``takeover``: of the recovery, if any."""
         events = [
             *_unseen(step),
             *self._search(step),
             *self._start(step),
-            *self._health(step, verdict),
+            *self._health(step, takeover),
             *self._belief(step),
             *self._resampling(step),
             *self._contradiction.hear(step),
@@ -69,13 +69,13 @@ class Narrator:
             return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
         return []
 
-    def _health(self, step: Step, verdict: Verdict | None) -> list[Event]:
+    def _health(self, step: Step, takeover: Takeover | None) -> list[Event]:
         events = []
-        if verdict is not None:
+        if takeover is not None:
             self._lost = True
-            here = f"{100 * verdict.explained:.0f} % of the beams fit here"
-            there = f"a place {verdict.distance:.0f} m away, followed for {verdict.since:.1f} s"
-            text = f"Lost at {step.time:.1f} s: {here}, but {there}, fits better by {verdict.lead:.1f} nats."
+            here = f"{100 * takeover.explained:.0f} % of the beams fit here"
+            there = f"a place {takeover.distance:.0f} m away, followed for {takeover.since:.1f} s"
+            text = f"Lost at {step.time:.1f} s: {here}, but {there}, fits better by {takeover.lead:.1f} nats."
             events.append(Event("lost", text, "WARN"))
         if self._lost and step.estimate.weight > CONVERGED_WEIGHT:
             self._lost = False
