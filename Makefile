@@ -5,6 +5,7 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 VENV := .venv
 SEEDS ?= 20
+ONLY ?=
 DATA ?= ../shared/data
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -43,8 +44,8 @@ format: $(INSTALLED)  ## Mend style where a tool can
 bench: $(INSTALLED)  ## Measure speed; the table, JSON and a picture go to benchmark/
 	$(BIN)/mcl bench --output benchmark --force
 
-sweep: $(INSTALLED)  ## Run the tables of docs/localization.md again, SEEDS=20 runs a row; goes on where it was stopped
-	$(BIN)/python docs/sweep.py --seeds $(SEEDS) --data $(DATA)
+sweep: $(INSTALLED)  ## Run the documentation's tables again, SEEDS=20 runs a row, of rows named ONLY=...; stopped, it goes on
+	$(BIN)/python docs/sweep.py --seeds $(SEEDS) --data $(DATA) --only '$(ONLY)'
 
 pictures: $(INSTALLED)  ## Take the documentation's pictures again, in the headless viewer (needs a Vulkan driver)
 	$(BIN)/python docs/pictures.py

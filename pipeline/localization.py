@@ -33,6 +33,7 @@ class RunResult:
 
     ``events``: (scan index, seconds since the first scan, event); ``seconds``: wall time by part; ``particles``,
     ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``weights`` (n,): the estimate's share of the belief;
+    ``covariances`` (n, 3, 3): of the poses, x, y, yaw;
     ``converged_at``: seconds, None if it never did; ``verdicts``: on every scan, in words; ``probability`` (n,): that
     the pose is right; ``seen``: what the log has shown of the world, None if nothing was remembered;
     ``hindsight`` (n, 3): as ``poses``, told from the end of the log.
@@ -48,6 +49,7 @@ class RunResult:
     explained: NDArray[np.float64]
     spread: NDArray[np.float64]
     weights: NDArray[np.float64]
+    covariances: NDArray[np.float64]
     probability: NDArray[np.float64]
     verdicts: tuple[Kind, ...]
     converged_at: float | None = None
@@ -111,6 +113,7 @@ class _Columns:
     def __init__(self, n: int) -> None:
         self._poses = np.empty((n, 3))
         self._figures = np.empty((n, 6))
+        self._covariances = np.empty((n, 3, 3))
         self._probability = np.empty(n)
         self._verdicts: list[Kind] = []
         self._events: list[tuple[int, float, Event]] = []
@@ -121,6 +124,7 @@ class _Columns:
         self._figures[self._rows] = (
             len(step.particles), step.ess, step.mean_likelihood, step.explained, step.spread, step.estimate.weight,
         )  # fmt: skip
+        self._covariances[self._rows] = step.estimate.covariance
         self._probability[self._rows] = step.verdict.probability
         self._verdicts.append(step.verdict.kind)
         self._events += [(step.index, step.time, event) for event in step.events]
@@ -142,6 +146,7 @@ class _Columns:
             explained=explained,
             spread=spread,
             weights=weights,
+            covariances=self._covariances,
             probability=self._probability,
             verdicts=tuple(self._verdicts),
             seen=seen,

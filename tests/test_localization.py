@@ -60,6 +60,8 @@ def test_the_result_says_what_the_steps_said(short: Log) -> None:
     keep = Keep()
     result = localize(short, config(short), sinks=[keep])
     np.testing.assert_array_equal(result.poses, [step.estimate.pose for step in keep.steps])
+    np.testing.assert_array_equal(result.covariances, [step.estimate.covariance for step in keep.steps])
+    assert (np.linalg.eigvalsh(result.covariances)[:, 0] > 0.0).all()
     np.testing.assert_array_equal(result.particles, [len(p) for p in keep.particles])
     for name in ("ess", "mean_likelihood", "explained", "spread"):
         np.testing.assert_array_equal(getattr(result, name), [getattr(step, name) for step in keep.steps])
