@@ -89,7 +89,7 @@ class Faults:
         self._mirrored = self._reverses = self._spinning = self._odd = False
         self._apart = 0.0
         self._scale = 1.0
-        self._silent_way = np.zeros(3)
+        self._silent_way, self._held = np.zeros(3), list[Fault]()
         self._told = self._seen = np.zeros(3)
         self._seconds = 0.0
         self._turns, self._ways, self._back, self._aside = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros(3)
@@ -173,19 +173,26 @@ class Faults:
         if was or not self._spinning or self.dead or self.late or self._reverses or self._turned or driven < KNOWN_D:
             return []
         says = f"they say {in_words(told)} in the last of them, the laser {in_words(seen)}"
-        return [Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")]
+        slip = Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")
+        if self._silent_way.any():
+            self._held = [
+                slip
+            ]  # of wheels that stand still it is told when they turn again: until then they may be dead
+            return []
+        return [slip]
 
     def _death(self, step: Step) -> list[Fault]:
         if math.hypot(*step.told[:2]) > STILL_D or abs(step.told[2]) > STILL_A:
+            held, self._held = self._held, []
             self._silent_way, self.dead = np.zeros(3), False
-            return []
+            return held
         if step.seen is None:
             return []
         # Added up as poses: a laser that trembles goes nowhere.
         way = self._silent_way = compose(self._silent_way, step.seen)
         if self.dead or (math.hypot(*way[:2]) < DEAD_D and abs(way[2]) < DEAD_A):
             return []
-        self.dead = True
+        self.dead, self._held = True, []
         text = f"The wheels are dead at {step.time:.1f} s: they stand still, the laser says {in_words(way, 1)}."
         return [Fault("dead", text)]
 

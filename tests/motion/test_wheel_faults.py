@@ -115,6 +115,22 @@ def test_wheels_that_spin_for_two_seconds() -> None:
     assert [fault.kind for fault in found] == ["slipped"]
 
 
+def test_wheels_that_die_in_mid_drive_have_not_slipped_before() -> None:
+    true = drive(400)
+    told = true.copy()
+    told[163:] = 0.0
+    found, _ = named(true, told)
+    assert [fault.kind for fault in found] == ["dead"]
+
+
+def test_a_robot_that_is_pushed_while_its_wheels_stand_is_told_when_they_turn_again() -> None:
+    true = drive(400)
+    told = true.copy()
+    true[202:214], told[202:214] = [0.1, 0.0, 0.0], 0.0
+    found, _ = named(true, told)
+    assert [fault.kind for fault in found] == ["slipped"]
+
+
 def test_a_laser_that_cannot_say_teaches_nothing() -> None:
     faults = Faults()
     for k in range(300):
