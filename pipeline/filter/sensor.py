@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,9 +22,15 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.walls import wall_half_thickness
 from pipeline.world.agnostic import Agnostic
 from pipeline.world.unknown import PRICE, Unknown
+from pipeline.world.world import World
 
 EXPLAINED_WITHIN = 0.3
 """Metres: a beam is explained if it ends so close to where the map says it must."""
+import os
+DIFFER = float(os.environ.get("DIFFER","0.0"))
+"""m: ranges closer than this are the same wall, whoever tells of it."""
+SHOWN = float(os.environ.get("SHOWN","0.7"))
+"""Probability that the world is as the log has shown it, where the map has it otherwise."""
 HOTTEST = 8000
 """Cells that a search is remembered by."""
 
@@ -72,8 +79,11 @@ class Sensor:
         self.bias = RangeBias(config, half_thickness)
         self._agnostic = Agnostic(max_range)
         self._unknown: Unknown | None = None
+        self.world: World | None = None
         if self._field is None and self._expected.table is not None and "off_map" not in config.without:
-            self._unknown = Unknown(grid, config.occupied_threshold, self._expected, self._agnostic)
+            width = self._expected.rows.shape[1]
+            self.world = World(grid, config.occupied_threshold, self._expected.codes, width)
+            self._unknown = Unknown(self.world, self._expected, self._agnostic)
 
     def read(self, scan: NDArray[np.float32]) -> Reading:
         """Of a scan (beams,) the chosen beams, and their likelihood for every true range."""
@@ -157,10 +167,24 @@ class Sensor:
         beams = reading.rows[np.arange(codes.shape[1]), codes].astype(np.float64)
         beams[outside] = self._model.outside(reading.ranges) / codes.shape[1]
         if self._unknown is not None:
+            if self.world is not None and self.world.changed:
+                beams = self._either(beams, codes, self._unknown.by_log(_columns(poses)), reading)
             rows = np.flatnonzero(roams)
             if (off := self._unknown.find(_columns(poses[rows]))) is not None:
                 beams[rows[off.which]] = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood)
         return beams, self._model.temper(reading.ranges)
+
+    def _either(
+        self, beams: NDArray[np.float64], by_map: NDArray[np.uint8], by_log: NDArray[np.uint8], reading: Reading
+    ) -> NDArray[np.float64]:
+        """Log-likelihood (n, k) of beams that see the mapped world or the one that the log has shown, where the two
+        differ: ``beams`` by the map, for the codes ``by_map``, of which those in the other are ``by_log``."""
+        ranges = self._expected.codes.ranges
+        far = np.where(np.isfinite(ranges), ranges, self._expected.codes.max_range)
+        differ = np.abs(far[by_map] - far[by_log]) > DIFFER
+        shown = reading.rows[np.arange(by_log.shape[1]), by_log].astype(np.float64)
+        mixed = np.logaddexp(math.log(1.0 - SHOWN) + beams, math.log(SHOWN) + shown)
+        return np.where(differ, mixed, beams)
 
     def ends(self, pose: NDArray[np.float64], reading: Reading) -> NDArray[np.float64]:
         """(k, 2) where the beams ended, seen from a pose (3,) of the robot, in its frame; not finite for no return."""
