@@ -24,6 +24,7 @@ from pipeline.config import Config
 from pipeline.evaluate.calibration import stated_probability
 from pipeline.evaluate.metrics import Array
 from pipeline.evaluate.report import versions
+from pipeline.filter.step import TAKEOVERS
 from pipeline.logs.messages import Log
 from pipeline.outputs import replacing
 
@@ -50,7 +51,7 @@ class Outcome:
     @classmethod
     def of(cls, result: RunResult, elapsed: float) -> Outcome:
         """Of a run that took so many seconds."""
-        lost = [index for index, _, event in result.events if event.kind == "lost"]
+        lost = [index for index, _, event in result.events if event.kind in TAKEOVERS]
         return cls(
             result.poses, result.weights, stated_probability(result), result.covariances, result.hindsight,
             np.array(lost, np.int64), dict(result.seconds), elapsed,

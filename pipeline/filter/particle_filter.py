@@ -138,12 +138,10 @@ class ParticleFilter:
     def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Takeover | None]:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""
         resampled = self._belief.resample(scan.index, motion.unseen is not None)
-        # Where the laser is heard, it says itself that the wheels slip.
-        slipping = motion.laser is None and self._recovery.slipping
         unseen = prior.unseen
         proposes = self._sensor.searches and "proposals" not in self._config.without
         if unseen is None or unseen.reach < FAR or not proposes:
-            self._belief.advance(prior, reading, scan.index, slipping)
+            self._belief.advance(prior, reading, scan.index)
         else:
             self._advance_unseen(prior, unseen, reading, scan.index)
         return resampled, self._recovery.review(self._belief, motion, prior, reading, scan)

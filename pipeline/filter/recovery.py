@@ -26,8 +26,6 @@ DOUBTFUL = 1.0
 """Nats a beam: if the belief explains the scans no better than that against what this laser reads on average, rivals
 are looked for. Right poses explain 0.5 to 0.95 of the beams, and outdoors fewer: no share of them tells.
 """
-UNEXPLAINED = 0.45
-"""Below this one the wheels may have slipped, too."""
 RESPITE = 10.0
 """Seconds from one search to the next."""
 MOST_RIVALS = 24
@@ -80,11 +78,6 @@ class Recovery:
         self.rivals = Rivals(sensor, seed, STREAM + 2)
         self._evidence = Evidence()
         self._searched = 0.0
-
-    @property
-    def slipping(self) -> bool:
-        """Whether so little is explained that the wheels may have slipped."""
-        return self._explained is not None and self._explained < UNEXPLAINED
 
     def odds(self, against: float | None = None) -> NDArray[np.float64]:
         """(1 + rivals,) probabilities of the belief and of each rival, if one of them is right.

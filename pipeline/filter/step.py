@@ -18,12 +18,14 @@ if TYPE_CHECKING:  # whoever only reads steps must not wait for numba
 class Estimate:
     """A Gaussian summary of (a part of) the belief in the map frame.
 
-    ``pose``: (3,) m, m, rad; ``covariance``: (3, 3) of x, y, yaw; ``weight``: its share of the whole belief.
+    ``pose``: (3,) m, m, rad; ``covariance``: (3, 3) of x, y, yaw; ``weight``: its share of the whole belief;
+    ``name``: after a gap, what became of the robot meanwhile if this is where it is; else empty.
     """
 
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
     weight: float = 1.0
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -43,10 +45,14 @@ class Beams:
     worth: float = 0.0
 
 
+TAKEOVERS = ("lost", "changed")
+"""Kinds of events at which another place took the estimate's: the first of a loss, and any more until it is found."""
+
+
 @dataclass(frozen=True)
 class Event:
     """Something worth a line: ``kind`` is a word (started, searched, converged, diverged, resampled,
-    lost, found, contradicted, gap, or a fault of the wheels), ``text`` a sentence."""
+    lost, changed, found, contradicted, gap, or a fault of the wheels), ``text`` a sentence."""
 
     kind: str
     text: str

@@ -25,6 +25,7 @@ IsHit = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 DISPLAY_STEP = 1 / 256  # metres: below a pixel on any screen, and a third of the bytes
 HEADING_LENGTH = 0.3  # metres
 LABEL_OFFSET = np.array([0.0, -0.6])  # metres: beside what it belongs to, not on it
+NAMED = 0.05  # share from which on a hypothesis is worth its name
 STUB_LENGTH = 1.5  # metres: a beam without return has no length of its own
 _DEGREES = np.deg2rad(np.arange(360))
 _HEADINGS = np.zeros((360, 3), np.float32)
@@ -170,7 +171,7 @@ def _beams(steps: Sequence[Step], is_hit: IsHit) -> list[tuple[str, list[Any]]]:
 def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     # A single hypothesis is the estimate itself, which has its ellipse already.
     clusters = [s.clusters if len(s.clusters) > 1 else () for s in steps]
-    labels = [f"{100 * c.weight:.0f} %" for row in clusters for c in row]
+    labels = [_label(c) for row in clusters for c in row]
     lengths = [len(row) for row in clusters]
     places = np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2) + LABEL_OFFSET
     return [
@@ -178,6 +179,11 @@ def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
         # A label has the colour of what it belongs to; pink on grey cannot be read, so points carry them.
         (entities.SHARES, list(rr.Points3D.columns(positions=lift(places, 0.12), labels=labels).partition(lengths))),
     ]
+
+
+def _label(hypothesis: Estimate) -> str:
+    share = f"{100 * hypothesis.weight:.0f} %"
+    return f"{share}, {hypothesis.name}" if hypothesis.name and hypothesis.weight >= NAMED else share
 
 
 def _path(frames: Sequence[Frame]) -> list[Any]:

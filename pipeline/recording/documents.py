@@ -25,7 +25,7 @@ The robot moves, the particles move with it; the laser measures, and what does n
 | black lines | beams that went on behind the map's wall: an open door; or the estimate is wrong |
 | yellow dots | where the map ends the beams |
 | grey stubs | beams without return |
-| pink ellipses with a share | other hypotheses, with their part of the weight |
+| pink ellipses with a share | other hypotheses, with their part of the weight; after a gap, what became of the robot |
 | a carpet of such dots | for a second, what a search of the building found: the best pose in each cell |
 | vermilion, light blue and light green squares | where the world is not as mapped: a wall that the map lacks, one \
 that is gone, floor of which the map knows nothing; shown once the scans that say so have proved right |

@@ -21,6 +21,7 @@ from pipeline.filter.step import Step
 from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.faults import without_leaps
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
 from pipeline.recording.columns import (
@@ -77,6 +78,7 @@ class RerunSink:
         if not self.path.parent.is_dir():
             raise MclError("the recording's folder does not exist", path=self.path.parent)
         self._log, self._config, self._seed = log, config, seed
+        self._odometry = without_leaps(log.times, log.odometry)
         self._frames: list[Frame] = []
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
@@ -205,7 +207,7 @@ class RerunSink:
         if self._previous is None:
             return False
         before, pose = self._previous
-        odometry = between(self._log.odometry[before.index], self._log.odometry[step.index])
+        odometry = between(self._odometry[before.index], self._odometry[step.index])
         travelled, jumped = np.hypot(*odometry[:2]), np.hypot(*(step.estimate.pose[:2] - pose[:2]))
         return bool(jumped <= travelled + JUMP)
 
