@@ -193,9 +193,7 @@ class Inspection:
         if not len(self.verdicts):
             return []
         shares = np.bincount(self.verdicts, minlength=len(KINDS)) / len(self.verdicts)
-        said = ", ".join(
-            f"{kind} {100 * share:.0f} %" for kind, share in zip(KINDS, shares, strict=True) if share > 0.0
-        )
+        said = ", ".join(f"{kind} {100 * share:.0f} %" for kind, share in zip(KINDS, shares, strict=True) if share)
         last = f"{KINDS[self.verdicts[-1]]}, right with probability {self.probabilities[-1]:.2f}"
         return [("scans by verdict", said), ("at the end", last)]
 

@@ -56,8 +56,6 @@ class Belief:
         """
         key = stream_key(self._seed, scan, MOTION)
         before = self.particles.poses.copy()
-        if self._sensor.off_map(self.particles.poses, self.particles.weights) > 0.5:
-            prior = prior.exactly
         self._mover.move(self.particles.poses, prior, key, slipping)
         evidence = self.weigh(reading, before)
         self.followed = self._mover.followed(self.particles.weights, prior, key)

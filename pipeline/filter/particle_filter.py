@@ -21,7 +21,7 @@ from pipeline.filter.recovery import MARGIN, Recovery, Takeover
 from pipeline.filter.sensor import Reading, Sensor, contradicting_shares, explained_share
 from pipeline.filter.step import Estimate, Step
 from pipeline.geometry import between, compose
-from pipeline.judgement.verdict import Judge, Signs
+from pipeline.judgement.verdict import OFF, Judge, Signs
 from pipeline.kernels.belief import to_map
 from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
@@ -101,6 +101,8 @@ class ParticleFilter:
                 self._start(scan, reading)
             else:
                 prior = motion_prior(self._motion, motion, self._config)
+                if self._sensor.off_map(self._belief.particles.poses, self._belief.particles.weights) > OFF:
+                    prior = prior.exactly
                 resampled, takeover = self._advance(scan, reading, motion, prior)
             self._motion = motion
         step = self._step(scan, reading, motion, prior, moved, resampled, takeover)

@@ -112,7 +112,9 @@ class Sensor:
             self._field.score(poses, reading.ends, out)
             return
         self._expected.score(poses, reading.rows, reading.outside, out)
-        if before is None or self._unknown is None or (off := self._unknown.find(poses)) is None:
+        if before is None or self._unknown is None or np.isnan(reading.ranges).all():
+            return
+        if (off := self._unknown.find(poses)) is None:
             return
         score = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood).sum(axis=1)
         entered, walled = self._unknown.entered(off, before, poses)

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 Kind = Literal["found", "ambiguous", "off the map", "lost"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
+TRUSTED: tuple[Kind, ...] = ("found", "off the map")
 
 SURE = 0.9
 """Probability from which on the robot is found; or, where the map ends, off it and known to be there."""
@@ -23,15 +24,15 @@ FORGOTTEN = 200.0
 """s after which it says nothing more that a place had proved right."""
 PRIOR, SHARE, WORTH, PROVED = 5.5, 0.27, 1.7, -1.55
 """Logistic regression of "within 0.5 m and 10 degrees" on the signs: constant, logit of the estimate's share, nats a
-beam, and the logarithm of the seconds since the place had proved right; each run with the same weight (docs/verdict.md)."""
+beam, and the logarithm of the seconds since the place had proved right; all runs weigh the same (docs/verdict.md)."""
 
 
 @dataclass(frozen=True)
 class Signs:
-    """What a scan gives to judge by: ``time`` s; ``weight``: the estimate's share of belief and rivals; ``worth``: nats a
-    beam by which the place explains the scan better than a reading of this laser is probable on average; ``off``: share
-    of the belief that is off the map; ``places``: shares of the best few places; ``moved``: nobody saw the way here, or
-    another place has taken the belief's."""
+    """What a scan gives to judge by: ``time`` s; ``weight``: the estimate's share of belief and rivals; ``worth``: nats
+    a beam by which the place explains the scan better than a reading of this laser is probable on average; ``off``:
+    share of the belief that is off the map; ``places``: shares of the best few places; ``moved``: nobody saw the way
+    here, or another place has taken the belief's."""
 
     time: float
     weight: float

@@ -27,7 +27,8 @@ The robot moves, the particles move with it; the laser measures, and what does n
 | grey stubs | beams without return |
 | pink ellipses with a share | other hypotheses, with their part of the weight |
 | a carpet of such dots | for a second, what a search of the building found: the best pose in each cell |
-| vermilion, light blue and light green squares | where the world is not as mapped: a wall that the map lacks, a wall that is gone, floor of which the map knows nothing; once the scans that show it have proved right |
+| vermilion, light blue and light green squares | where the world is not as mapped: a wall that the map lacks, one \
+that is gone, floor of which the map knows nothing; shown once the scans that say so have proved right |
 | light blue line | the path as known at the end of the log |
 | green ring, arrow and line | the truth, where the log knows it |
 

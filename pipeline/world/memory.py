@@ -1,8 +1,8 @@
 """What the log has shown of the world so far, where that is not what the map says.
 
-A scan is remembered in the frame of the laser's odometry, and says something of the world only once the place from which
-it was taken has proved right, and the robot has gone on from there: a belief must not confirm itself by what it has just
-written. When a verdict moves the belief, what was written from where it had been moves with it.
+A scan is remembered in the frame of the laser's odometry, and says something of the world only once the place from
+which it was taken has proved right, and the robot has gone on from there: a belief must not confirm itself by what it
+has just written. When another place takes the belief's, what was written from there moves with it.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ PAUSE = 5.0
 @dataclass(frozen=True)
 class KeyScan:
     """A scan that is remembered: ``ranges`` (beams,) m, taken at ``time`` s from ``way`` (3,), the robot's pose by the
-    laser's odometry, in its ``stretch``, counted by gaps and by breaks of the laser's odometry; ``believed`` (3,): where the belief had it, grid frame, None if that was
-    found to be wrong."""
+    laser's odometry, in its ``stretch``, counted by gaps and by breaks of that odometry; ``believed`` (3,): where the
+    belief had it, grid frame, None if that was found to be wrong."""
 
     time: float
     stretch: tuple[int, int]
@@ -96,7 +96,7 @@ class Memory:
             self._renew()
 
     def moved(self) -> None:
-        """A verdict has moved the belief: what was written on this stretch waits until its new place has proved right."""
+        """The belief is elsewhere now: what was written on this stretch waits until its new place has proved right."""
         self._settled = math.inf
         if not self._pending:
             return

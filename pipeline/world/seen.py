@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
+MEMORY = "memory.npz"
+"""Name of the file in a run's folder."""
 FREE, WALL, UNKNOWN = 0, 1, 2
 SEEN_HITS, SEEN_WALL = 2.0, 0.4
 """Scans that must have ended in a cell, and their least share among all that came to it, so that it is a wall."""
@@ -103,6 +106,18 @@ class Seen:
             path, mapped=self.mapped, hits=self.hits.astype(np.float16), passes=self.passes.astype(np.float16),
             margin=self.margin, resolution=self.resolution, origin=np.array(self.origin), map_sha256=self.map_sha256,
         )  # fmt: skip
+
+
+def seen_in(runs: Sequence[Path]) -> Seen | None:
+    """What these runs, given by their folders or recordings, have shown of the world together; None of no run.
+
+    Raises MclError if one has no memory, or they were made on different maps.
+    """
+    seen: Seen | None = None
+    for run in runs:
+        found = read_seen(run / MEMORY if run.is_dir() else run.with_name(MEMORY))
+        seen = found if seen is None else seen.merged(found)
+    return seen
 
 
 def read_seen(path: Path) -> Seen:

@@ -37,7 +37,7 @@ class OffMap:
 
 
 class Unknown:
-    """Scores poses that stand on land unknown to the map. ``agnostic``: what the log's readings are worth on average."""
+    """Scores poses on land that the map does not know. ``agnostic``: what the log's readings are worth on average."""
 
     def __init__(self, known: World, expected: ExpectedRanges, agnostic: Agnostic) -> None:
         self._world, self._expected, self._agnostic = known, expected, agnostic
