@@ -16,7 +16,7 @@ from pipeline.config import Config, dump_config
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
 from pipeline.evaluate.runs import kidnapped_in
-from pipeline.filter.step import VERDICTS, Step
+from pipeline.filter.step import TAKEOVERS, Step
 from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
@@ -227,7 +227,7 @@ def _score(log: Log, result: RunResult) -> Score | None:
     truth = interpolate(log.ground_truth, log.stamps)
     if not known(truth).any():
         return None
-    lost = [index for index, _, event in result.events if event.kind in VERDICTS]
+    lost = [index for index, _, event in result.events if event.kind in TAKEOVERS]
     at = kidnapped_in(log.metadata)
     try:
         return score(

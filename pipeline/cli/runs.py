@@ -170,6 +170,8 @@ def inspect(
                 f"yaw {math.degrees(pose.yaw):.1f} deg (sigma {pose.sigma_x:.3f} m, {pose.sigma_y:.3f} m, "
                 f"{math.degrees(pose.sigma_yaw):.1f} deg)"
             )
+            if pose.verdict is not None:
+                console.result(f"{pose.verdict}: right with probability {pose.probability:.2f}")
             if said is not None:
                 console.result(said.sentence)
     elif as_json:

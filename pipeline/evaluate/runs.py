@@ -27,7 +27,7 @@ from pipeline.evaluate.aftermath import aftermaths
 from pipeline.evaluate.failures import RECOVERED, draw_failures
 from pipeline.evaluate.metrics import LOCALIZED, Array, interpolate, known, laser_to_base, score, search
 from pipeline.evaluate.report import Evaluation, LogEvaluation, Run, versions
-from pipeline.filter.step import VERDICTS
+from pipeline.filter.step import TAKEOVERS
 from pipeline.logs.disturbed import disturbed
 from pipeline.logs.faults import Fault, noted, placed
 from pipeline.logs.messages import Log, Trajectory
@@ -235,7 +235,7 @@ def _run(work: _Work, task: Task) -> Run:
         result.poses,
         case.truth,
         kidnapped_at=case.kidnapped_at,
-        lost_at=[index for index, _, event in result.events if event.kind in VERDICTS],
+        lost_at=[index for index, _, event in result.events if event.kind in TAKEOVERS],
         hindsight=result.hindsight,
         weights=result.weights,
     )

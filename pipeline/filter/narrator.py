@@ -7,7 +7,7 @@ import math
 
 from pipeline.filter.contradiction import Contradiction
 from pipeline.filter.fates import Fates, clause
-from pipeline.filter.recovery import Verdict
+from pipeline.filter.recovery import Takeover
 from pipeline.filter.step import Event, Step
 from pipeline.motion.words import in_words
 
@@ -33,14 +33,14 @@ class Narrator:
         self._contradiction = Contradiction()
         self._fates = Fates()
 
-    def tell(self, step: Step, verdict: Verdict | None) -> Step:
-        """The step, with its events. ``verdict``: of the recovery, if any."""
+    def tell(self, step: Step, takeover: Takeover | None) -> Step:
+        """The step, with its events. ``takeover``: of the recovery, if any."""
         step = self._fates.name(step)
         events = [
             *_unseen(step),
             *self._search(step),
             *self._start(step),
-            *self._health(step, verdict),
+            *self._health(step, takeover),
             *self._belief(step),
             *self._resampling(step),
             *self._contradiction.hear(step),
@@ -74,12 +74,12 @@ class Narrator:
             return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
         return []
 
-    def _health(self, step: Step, verdict: Verdict | None) -> list[Event]:
+    def _health(self, step: Step, takeover: Takeover | None) -> list[Event]:
         events = []
-        if verdict is not None:
-            here = f"{100 * verdict.explained:.0f} % of the beams fit here"
-            there = f"a place {verdict.distance:.0f} m away, followed for {verdict.since:.1f} s"
-            says = f"at {step.time:.1f} s: {here}, but {there}, fits better by {verdict.lead:.1f} nats."
+        if takeover is not None:
+            here = f"{100 * takeover.explained:.0f} % of the beams fit here"
+            there = f"a place {takeover.distance:.0f} m away, followed for {takeover.since:.1f} s"
+            says = f"at {step.time:.1f} s: {here}, but {there}, fits better by {takeover.lead:.1f} nats."
             events.append(
                 Event("changed", f"Still lost {says}") if self._lost else Event("lost", f"Lost {says}", "WARN")
             )

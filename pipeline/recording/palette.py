@@ -49,6 +49,11 @@ WEIGHT_COLOURS: NDArray[np.uint8] = np.array(
 )  # fmt: skip
 
 
+CHANGED_COLOURS: NDArray[np.uint8] = np.array(
+    [(0, 0, 0), (213, 94, 0), (86, 180, 233), (190, 235, 190)], dtype=np.uint8
+)
+"""Of cells that are as mapped (not drawn), of a wall that the map lacks, of one that is gone, of floor unknown to it."""
+
 HEAT_RANGE = 5.0
 """Nats behind the best cell at which the colours of a search end."""
 

@@ -24,7 +24,17 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.faults import without_leaps
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
-from pipeline.recording.columns import Columns, Frame, IsHit, batch_columns, segments, timelines, transforms
+from pipeline.recording.columns import (
+    Columns,
+    Frame,
+    IsHit,
+    batch_columns,
+    changes,
+    segments,
+    timelines,
+    transforms,
+    verdicts,
+)
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.sampling import draw, weight_bars
 from pipeline.recording.styles import drawn_map, styles
@@ -73,6 +83,7 @@ class RerunSink:
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
+        self._verdict = ""
         # Who hears the wheels alone has nothing to compare them with.
         self._wheels = log.wheels and config.odometry != "laser"
         self._laser = config.odometry != "wheels" or not log.wheels
@@ -180,6 +191,9 @@ class RerunSink:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.
         if self._frames:
             self._outbox += batch_columns(self._frames, self._is_hit)
+            steps = [frame.step for frame in self._frames]
+            self._outbox += [*verdicts(steps, self._verdict), *changes(steps)]
+            self._verdict = steps[-1].verdict.kind
             if self._heard:
                 silent = [f.silent_since for f in self._frames if f.silent_since is not None]
                 self._outbox += witness_columns(self._heard, shown=self._contradicted, silent=silent)
@@ -232,6 +246,7 @@ class RerunSink:
     def _log_map(self, grid: OccupancyGrid) -> None:
         self._static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self._static(entities.MAP, drawn_map(grid))
+        self._static(entities.CHANGED, rr.Points3D.from_fields(radii=np.float32(0.5 * grid.resolution)))
         area = known_area(grid)
         self._static(
             entities.CAMERA,

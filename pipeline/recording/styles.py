@@ -41,6 +41,9 @@ def styles() -> dict[str, list[Any]]:
         entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.HIT)],
         entities.EXPLAINED: [_curve("share of beams explained", palette.CURVE)],
         entities.SPREAD: [_curve("spread, m", palette.ESTIMATE)],
+        entities.PROBABILITY: [_curve("probability that the estimate is right", palette.ESTIMATE)],
+        entities.SHORT: [_curve("share of beams that end before what is mapped", palette.SHORT)],
+        entities.THROUGH: [_curve("share that ends far behind it, side by side", palette.LONG)],
     }
 
 

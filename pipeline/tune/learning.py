@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.world.expected_ranges import select_beams
 from pipeline.filter.range_bias import RangeBias
 from pipeline.localization import localize
 from pipeline.logs.messages import Log, Scan
@@ -23,6 +22,7 @@ from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
 from pipeline.tune.scans import evidence, readings, trusted, updates
 from pipeline.tune.temper import independent_beams, window_likelihoods
 from pipeline.tune.way import Listener, Way
+from pipeline.world.expected_ranges import select_beams
 
 PARAMETERS = (*LEARNED, "occupied_threshold", "independent_beams", *ALPHAS, *DRIFTS)
 THRESHOLDS = (0.35, 0.6, 0.8, 0.9, 0.97)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.geometry import between, compose, inverse, wrap_angle
 from pipeline.logs.messages import Laser
+from pipeline.world.seen import Seen
 from pipeline.world.world import World
 
 Array = NDArray[np.float64]
@@ -47,8 +48,10 @@ class KeyScan:
 class Memory:
     """Keeps key scans, and lets those speak for the ``world`` whose places have proved right."""
 
-    def __init__(self, world: World, laser: Laser) -> None:
+    def __init__(self, world: World, laser: Laser, before: Seen | None = None) -> None:
         self._world, self._laser = world, laser
+        if before is not None:
+            world.begin_with(before)
         self._pending: list[KeyScan] = []
         self._written: list[tuple[KeyScan, Array]] = []
         self._settled = math.inf
@@ -56,6 +59,11 @@ class Memory:
         self._renewed = 0.0
         self._unspoken = False
         self._time = 0.0
+
+    @property
+    def seen(self) -> Seen:
+        """What has been shown of the world so far."""
+        return self._world.seen
 
     @property
     def scans(self) -> int:

@@ -17,7 +17,8 @@ from pipeline.kernels import world
 from pipeline.world.agnostic import Agnostic
 from pipeline.world.expected_ranges import ExpectedRanges
 from pipeline.world.rays import Rays
-from pipeline.world.world import UNKNOWN, WALL, World
+from pipeline.world.seen import UNKNOWN, WALL
+from pipeline.world.world import World
 
 PRICE = 3.0
 """Nats for driving from known floor into unknown land."""
@@ -52,9 +53,9 @@ class Unknown:
         which, cells, turns = self._off(poses)
         return OffMap(which, cells, turns) if len(which) else None
 
-    def entered(self, off: OffMap, before: NDArray[np.float32], poses: NDArray[np.float32]) -> tuple[
-        NDArray[np.bool_], NDArray[np.bool_]
-    ]:
+    def entered(
+        self, off: OffMap, before: NDArray[np.float32], poses: NDArray[np.float32]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Of the poses that are off the map: whether each was not, ``before`` (3, n), and if it came through a wall."""
         came = np.ascontiguousarray(before[:, off.which])
         already = np.zeros(len(off.which), np.bool_)

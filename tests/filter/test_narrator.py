@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from pipeline.filter.narrator import Narrator
-from pipeline.filter.recovery import Verdict
+from pipeline.filter.recovery import Takeover
 from pipeline.filter.step import Estimate, Event, Step
 from pipeline.geometry import compose
 from pipeline.motion.gaps import Gap
 from pipeline.motion.witnesses import Motion
 
-VERDICT = Verdict(lead=3.0, since=1.0, distance=9.0, explained=0.6)
+TAKEOVER = Takeover(lead=3.0, since=1.0, distance=9.0, explained=0.6)
 HERE, WAY = np.array([3.0, 2.0, 0.5]), np.array([2.0, 0.0, 1.0])
 THERE, ELSEWHERE = compose(HERE, WAY), np.array([12.0, 9.0, 2.0])
 
@@ -48,9 +48,9 @@ def after_gap(gap: Gap, places: list[tuple[np.ndarray, float]]) -> tuple[Narrato
 
 def test_a_loss_is_told_once_until_the_robot_is_found() -> None:
     narrator, at_two = Narrator(), [(HERE, 0.6), (ELSEWHERE, 0.4)]
-    verdicts = [None, VERDICT, None, VERDICT, None, VERDICT]
+    takeovers = [None, TAKEOVER, None, TAKEOVER, None, TAKEOVER]
     places = [at_two, at_two, at_two, at_two, [(HERE, 0.97), (ELSEWHERE, 0.03)], at_two]
-    steps = [narrator.tell(step(k, p, np.zeros(3)), v) for k, (p, v) in enumerate(zip(places, verdicts, strict=True))]
+    steps = [narrator.tell(step(k, p, np.zeros(3)), v) for k, (p, v) in enumerate(zip(places, takeovers, strict=True))]
     kinds = [[event.kind for event in s.events if event.kind in ("lost", "changed", "found")] for s in steps]
     assert kinds == [[], ["lost"], [], ["changed"], ["found"], ["lost"]]
     assert sentences(steps[1].events, "lost")[0].startswith("Lost at 1.0 s: 60 % of the beams fit here, but a place")
@@ -73,7 +73,7 @@ def test_names_stay_while_the_robot_drives_on_and_go_when_one_is_left() -> None:
     narrator, _ = after_gap(told(np.zeros(3)), [(HERE, 0.6), (ELSEWHERE, 0.4)])
     on = compose(np.array([0.0, 0.0, 0.3]), moved)
     here, elsewhere = compose(HERE, moved), compose(ELSEWHERE, moved)
-    later = narrator.tell(step(25, [(elsewhere, 0.7), (here, 0.3)], on), VERDICT)
+    later = narrator.tell(step(25, [(elsewhere, 0.7), (here, 0.3)], on), TAKEOVER)
     assert [c.name for c in later.clusters] == ["carried off to 12, 9", "did not move"]
     last = narrator.tell(step(26, [(elsewhere, 0.98), (here, 0.02)], on), None)
     assert sentences(last.events, "found")[0].endswith(": it was carried off to 12, 9.")
