@@ -9,8 +9,9 @@ import pytest
 
 from pipeline.filter.narrator import Narrator
 from pipeline.filter.recovery import Takeover
-from pipeline.filter.step import Estimate, Event, Step
+from pipeline.filter.step import Beams, Estimate, Event, Step
 from pipeline.geometry import compose
+from pipeline.judgement.verdict import Verdict
 from pipeline.motion.gaps import Gap
 from pipeline.motion.witnesses import Motion
 
@@ -30,10 +31,11 @@ def step(at: int, places: list[tuple[np.ndarray, float]], pose: np.ndarray, gap:
     plain = dict.fromkeys((field.name for field in dataclasses.fields(Step)), None)
     said = {"index": at, "time": float(at), "clusters": clusters, "estimate": clusters[0], "motion": motion}
     return Step(
-        **plain
-        | {"particles": np.empty((9, 3)), "spread": 0.7, "explained": 0.7, "moved": True, "resampled": False}
-        | said
-    )  # type: ignore[arg-type]
+        index=at, stamp=at, time=float(at), particles=np.empty((9, 3), np.float32), log_weights=np.zeros(9),
+        estimate=clusters[0], clusters=clusters, beams=Beams(pose, np.empty(0), *2 * [np.empty(0, np.float32)]), ess=9.0,
+        mean_likelihood=1.0, explained=0.7, spread=0.7, moved=True, resampled=False, motion=motion,
+        verdict=Verdict("found", 1.0),
+    )  # fmt: skip
 
 
 def sentences(events: tuple[Event, ...], kind: str) -> list[str]:
