@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -28,11 +26,10 @@ def step(at: int, places: list[tuple[np.ndarray, float]], pose: np.ndarray, gap:
     """A scan at which the belief is at these places with these weights, and dead reckoning has come to ``pose``."""
     clusters = tuple(Estimate(place, np.eye(3) * 0.01, weight) for place, weight in places)
     motion = Motion(float(at), pose, None, None, pose, np.empty(0, np.float32), gap=gap)
-    plain = dict.fromkeys((field.name for field in dataclasses.fields(Step)), None)
-    said = {"index": at, "time": float(at), "clusters": clusters, "estimate": clusters[0], "motion": motion}
     return Step(
         index=at, stamp=at, time=float(at), particles=np.empty((9, 3), np.float32), log_weights=np.zeros(9),
-        estimate=clusters[0], clusters=clusters, beams=Beams(pose, np.empty(0), *2 * [np.empty(0, np.float32)]), ess=9.0,
+        estimate=clusters[0], clusters=clusters, ess=9.0,
+        beams=Beams(pose, np.empty(0), *2 * [np.empty(0, np.float32)]),
         mean_likelihood=1.0, explained=0.7, spread=0.7, moved=True, resampled=False, motion=motion,
         verdict=Verdict("found", 1.0),
     )  # fmt: skip
