@@ -14,6 +14,7 @@ from typer.core import TyperGroup
 
 from pipeline import __version__, console
 from pipeline.cli.benching import bench
+from pipeline.cli.checking import check
 from pipeline.cli.comparing import compare, view
 from pipeline.cli.evaluation import evaluate
 from pipeline.cli.exporting import export
@@ -63,6 +64,7 @@ app = typer.Typer(
 for command in (
     demo,
     convert,
+    check,
     localize,
     inspect,
     view,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
@@ -120,23 +119,14 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
     A raw log, or a bag, is converted first, into the cache.
     """
     from converters import read_map
-    from converters.cached import converted
-    from pipeline.logs import schema
-    from pipeline.logs.reader import read_log
+    from converters.cached import read
 
-    names = reading.names
     grid = None if map_path is None else read_map(map_path)
     for remark in () if grid is None else grid.remarks:
         console.note(f"note: {map_path}: {remark}")
-    if (into := converted(path, names)) is None:
-        log = read_log(path, grid, names)
-        remarks = log.metadata[schema.READER].get("remarks", "[]")
-    else:
-        console.note(f"note: {path}: read as a {into.format}, by way of {into.mcap}")
-        log = read_log(into.mcap, grid)
-        log = replace(log, name=into.name, path=path, sha256=into.sha256, converted=into.mcap)
-        own = log.metadata[schema.READER].get("remarks", "[]")
-        remarks = json.dumps([*json.loads(log.metadata[schema.SOURCE].get("remarks", "[]")), *json.loads(own)])
-    for remark in json.loads(remarks):
+    opened = read(path, grid, reading.names)
+    if opened.mcap is not None:
+        console.note(f"note: {path}: read as a {opened.format}, by way of {opened.mcap}")
+    for remark in opened.remarks:
         console.note(f"note: {path}: {remark}")
-    return log
+    return opened.log

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
+from pipeline.cli.checking import warn
 from pipeline.cli.lines import columns, facts, note_damage
 from pipeline.cli.parameters import (
     ConfigOption,
@@ -92,6 +93,7 @@ def localize(
         raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     opened = open_log(log, map_path, reading)
+    warn(opened, effective)
     viewer = _viewer_at(connect) if connect or view else None
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
