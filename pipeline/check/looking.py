@@ -83,7 +83,9 @@ def look(
     remarks = list(dict.fromkeys([*opened.remarks, *(() if grid is None else grid.remarks)]))
     found = [of_remark(remark) for remark in remarks]
     found += findings_of_text(path) if text else [finding for finding in seen if finding not in found]
-    chosen = log.metadata.get(schema.SOURCE if source.is_dir() or into is not None and not text else schema.READER, {})
+    chosen = log.metadata.get(
+        schema.SOURCE if source.is_dir() or (into is not None and not text) else schema.READER, {}
+    )
     scan_topic, odometry_topic = (chosen.get(key, "") for key in ("scan_topic", "odometry_topic"))
     found += [*findings_of_clocks(log, topics, scan_topic, odometry_topic), *_angles(source, scan_topic)]
     found += at_a_glance(log, config)

@@ -29,6 +29,8 @@ TWICE = 0.05
 """Share of scans with the stamp of the one before from which on that is a fault."""
 SHORT, FEW = 10.0, 20
 """s, scans: with less hardly any robot is found."""
+LONGER = 5.0
+"""s: loggers pause for up to 3.3 s (Intel) without anything being wrong."""
 NAMED = 5
 """Gaps that are told one by one."""
 
@@ -133,19 +135,27 @@ def _gaps(log: Log, usual: float) -> Iterator[Finding]:
     long = np.flatnonzero(np.diff(log.times) > max(LONG, TIMES * usual))
     if log.stretches is not None:
         long = long[log.stretches[long] == log.stretches[long + 1]]
+    seconds = np.diff(log.times)[long]
+    if len(pauses := seconds[seconds < LONGER]):
+        times = "once" if len(pauses) == 1 else f"{len(pauses)} times"
+        text = f"There is no scan for a moment {times}, for {pauses.max():.1f} s at most."
+        yield Finding("noted", "gaps", text, NOTHING)
+    long = long[seconds >= LONGER]
     for row in long[:NAMED].tolist():
         begin, end = float(log.times[row]), float(log.times[row + 1])
         step = log.odometry[row + 1] - log.odometry[row]
         still = log.wheels and math.hypot(*step[:2]) < MOVED and abs(math.remainder(step[2], math.tau)) < TURNED
-        wheels = "; the wheels stood still meanwhile, as those of a robot that is carried" if still else ""
+        wheels = ", and the wheels stood still meanwhile, as those of a robot that is carried" if still else ""
         yield Finding(
-            "doubtful", "gaps", f"There is no scan for {end - begin:.1f} s, from {begin:.1f} s to {end:.1f} s{wheels}.",
-            "Were lines deleted, or the recorder paused? If the robot was carried off meanwhile, it has to be found "
-            "again, which is tried.",
+            "doubtful",
+            "gaps",
+            f"There is no scan for {end - begin:.1f} s, from {begin:.1f} s to {end:.1f} s{wheels}.",
+            "Were lines deleted, or the recorder paused? If the robot was carried off, it has to be found again, which "
+            "is tried.",
             (begin, end),
-        )  # fmt: skip
+        )
     if len(long) > NAMED:
-        yield Finding("doubtful", "gaps", f"There are {len(long) - NAMED} more such gaps.", "See --json or the page.")
+        yield Finding("doubtful", "gaps", f"There are {len(long) - NAMED} more such gaps.", "The page shows them all.")
 
 
 def findings_of_clocks(log: Log, topics: list[SeenTopic], scan_topic: str, odometry_topic: str) -> Iterator[Finding]:
@@ -163,7 +173,7 @@ def findings_of_clocks(log: Log, topics: list[SeenTopic], scan_topic: str, odome
     by_name = {topic.name: topic for topic in topics}
     scans, wheels = by_name.get(scan_topic), by_name.get(odometry_topic)
     if log.stretches is None and wheels is not None and wheels.times is not None and len(wheels.times) > 2:
-        yield from _silences(wheels)
+        yield from _silences(wheels, scans)
     if scans is None or wheels is None or scans.late is None or wheels.late is None:
         return
     apart = float(np.median(wheels.late) - np.median(scans.late))
@@ -190,16 +200,24 @@ def _drift(topic: SeenTopic) -> float:
     return float(np.median(topic.late[-quarter:]) - np.median(topic.late[:quarter]))
 
 
-def _silences(topic: SeenTopic) -> Iterator[Finding]:
-    assert topic.times is not None
-    steps = np.diff(topic.times)
-    silent = np.flatnonzero(steps > max(LONG, TIMES * float(np.median(steps))))
-    if len(silent):
-        row = int(silent[np.argmax(steps[silent])])
-        times = "once" if len(silent) == 1 else f"{len(silent)} times"
+def _silences(wheels: SeenTopic, scans: SeenTopic | None) -> Iterator[Finding]:
+    """Where the odometry says nothing though there are scans."""
+    assert wheels.times is not None
+    steps = np.diff(wheels.times)
+    begins = np.flatnonzero(steps > max(LONG, TIMES * float(np.median(steps))))
+    if scans is not None and scans.times is not None:
+        at = np.sort(scans.times)
+        within = np.searchsorted(at, wheels.times[begins + 1], "left") - np.searchsorted(
+            at, wheels.times[begins], "right"
+        )
+        begins = begins[within > 0]
+    if len(begins):
+        row = int(begins[np.argmax(steps[begins])])
+        times = "once" if len(begins) == 1 else f"{len(begins)} times"
         yield Finding(
-            "doubtful", "gaps",
-            f"{topic.name} is silent {times}, longest for {steps[row]:.1f} s, {topic.times[row]:.1f} s after the "
-            "recording began.",
-            "Was the recorder paused, or the base restarted? Scans in between get odometry drawn straight across.",
-        )  # fmt: skip
+            "doubtful",
+            "gaps",
+            f"{wheels.name} is silent {times} while there are scans, longest for {steps[row]:.1f} s, "
+            f"{wheels.times[row]:.1f} s after the recording began.",
+            "Was the base restarted? Scans in between get odometry drawn straight across.",
+        )

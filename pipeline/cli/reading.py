@@ -50,6 +50,10 @@ _OPTIONS: dict[str, Any] = {
         str | None,
         typer.Option(metavar="X,Y,YAW", help="The laser on the robot (m, rad), where no transform says it."),
     ],
+    "tf": Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.yaml", help="Static transforms, as `ros2 topic echo /tf_static` prints them."),
+    ],
     "stamps": Annotated[
         Stamps | None,
         typer.Option(help="With log, messages count from when they were written down, whatever clock stamped them."),
@@ -67,16 +71,20 @@ class Reading:
     odom_frame: str | None = None
     laser_frame: str | None = None
     laser_pose: str | None = None
+    tf: Path | None = None
     stamps: Stamps | None = None
 
     @property
     def names(self) -> Names:
         """The same for whoever reads."""
         from pipeline.logs.recorded import Names
+        from pipeline.logs.transforms_file import read_transforms
 
         frames = (self.scan_topic, self.odom_topic, self.base_frame, self.odom_frame, self.laser_frame)
         pose = parse_pose(self.laser_pose)
-        return Names(*frames, laser_pose=pose, stamps=None if self.stamps is None else self.stamps.value)
+        given = () if self.tf is None else read_transforms(self.tf)
+        stamps = None if self.stamps is None else self.stamps.value
+        return Names(*frames, laser_pose=pose, stamps=stamps, transforms=given)
 
 
 def reads_logs(command: Callable[..., None]) -> Callable[..., None]:
