@@ -208,8 +208,12 @@ def _placed(log: CarmenLog, odometry: list[_Row], begins: list[int]) -> CarmenLo
     remarks = log.remarks
     if outside := int((~inside).sum()):
         remarks += (f"{outside:,} {log.kind} lines left out: before the first ODOM line or after the last",)
-    restarts = tuple(int(inside[:row].sum()) for row in log.restarts)
-    return replace(replace(log, robot_poses=places).take(inside), restarts=restarts, remarks=remarks)
+    # Of some stretches no scan may be left.
+    stretch = np.searchsorted(log.restarts, np.arange(len(log)), side="right")[inside]
+    restarts = tuple((np.flatnonzero(np.diff(stretch)) + 1).tolist())
+    shifts = tuple(log.shifts[k] for k in np.unique(stretch).tolist())
+    placed = replace(log, robot_poses=places).take(inside)
+    return replace(placed, restarts=restarts, shifts=shifts, remarks=remarks)
 
 
 def _on_common_beams(rows: list[_Row], remarks: list[str]) -> tuple[Beams, NDArray[np.float64]]:

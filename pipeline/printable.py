@@ -20,6 +20,11 @@ def printable(text: str) -> str:
     return "".join(_shown(character) for character in text)
 
 
+def one_line(text: str) -> str:
+    """The same of a name or a number within a line: ends of lines and tabs are written out, too."""
+    return printable(text) if text.isprintable() else printable(text.replace("\n", "\\n").replace("\t", "\\t"))
+
+
 def _shown(character: str) -> str:
     if character in _KEPT or unicodedata.category(character) not in _HARMFUL:
         return character

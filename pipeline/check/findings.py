@@ -73,7 +73,7 @@ ADVICE: Final[Sequence[tuple[str, Grade, str, str]]] = (
     ("times and differently", "doubtful", "transforms",
      "Two nodes publish this transform. The last one counts; stop the one that is wrong."),
     ("no PARAM", "doubtful", "transforms", "Measure where the laser sits on the robot, and give --laser-pose X,Y,YAW."),
-    ("messages left out: in message", "doubtful", "laser", "Mend the driver of the laser."),
+    (": in message", "doubtful", "laser", "Mend the driver of the laser."),
     ("range_min is taken for 0", "noted", "laser", "Let the driver say the shortest range of the laser."),
     ("was not taken", "noted", "topics", "--scan-topic takes it all the same."),
     ("--scan-topic takes another", "noted", "topics", "--scan-topic takes another one if this is the wrong laser."),

@@ -18,8 +18,6 @@ from pipeline.mirrored import PLAINLY, SECONDS, mirrored
 
 EXPLAINED = 0.55
 """Share of the beams that the right map explains at least: below it `mcl localize` warns as well."""
-TURNS = (math.pi / 2, math.pi, -math.pi / 2)
-"""rad: by which a laser that is turned on its mount is tried."""
 UNKNOWN = 0.98
 """Share of the map that is unknown from which on it is hardly one; maps of one room on a large sheet have 0.9."""
 SPARSE = 0.1
@@ -98,9 +96,10 @@ def findings_of_truth(log: Log) -> Iterator[Finding]:
 
 
 def place(log: Log, config: Config, seed: int = 0) -> Tried:
-    """Look for the robot in the map over the first two minutes; where nothing is found, with a laser mounted otherwise.
+    """Look for the robot in the map over the first two minutes; where nothing is found, with scans that are mirrored.
 
-    Of these minutes the second half counts: by then a robot that can be found is. Raises MclError as `localize` does.
+    A laser that is turned on its mount would be found in the map all the same, and the robot with it: that is told by
+    the wheels. Of these minutes the second half counts: by then a robot that can be found is. Raises MclError as `localize` does.
     """
     explained = _explained(log, config, seed)
     if explained >= EXPLAINED:
@@ -110,18 +109,6 @@ def place(log: Log, config: Config, seed: int = 0) -> Tried:
         text = f"The scans are mirrored: as they are, {found}; read from last beam to first it explains far more."
         do = "The laser is mounted upside down: say so in its transform (a roll of pi)."
         return Tried(explained, (Finding("broken", "laser", text, do),))
-    for turn in TURNS:
-        x, y, yaw = log.laser.pose
-        mounted = dataclasses.replace(log.laser, pose=(x, y, yaw + turn))
-        if (better := _explained(dataclasses.replace(log, laser=mounted), config, seed)) > explained + PLAINLY:
-            degrees = math.degrees(turn)
-            text = (
-                f"The laser is turned on its mount: as the log has it, {found}; turned by {degrees:.0f} deg "
-                f"it explains {100 * better:.0f} %."
-            )
-            return Tried(explained, (Finding(
-                "broken", "laser", text, f"--laser-pose {x:g},{y:g},{math.remainder(yaw + turn, math.tau):.3f}",
-            ),))  # fmt: skip
     text = f"No place in the map explains the scans: at best, {found}."
     do = (
         "Is it the map of this building, of this floor, with the right resolution? Or is the laser, or its mount, not "

@@ -20,6 +20,7 @@ from pipeline.cli.parameters import (
 )
 from pipeline.cli.reading import LogArgument, Reading, reads_logs
 from pipeline.outputs import check_output, check_suffix
+from pipeline.printable import one_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,8 +76,8 @@ def check(
             console.result(columns("topics", list(map(row, report.topics)), ("", "", "messages", "a second", "gap")))
         console.result(f"findings: {verdict(report.findings)}")
         for finding in report.findings:
-            console.result(f"  {finding.grade:<8}  {finding.about}: {finding.text}")
-            console.result(f"            {finding.do}")
+            console.result(one_line(f"  {finding.grade:<8}  {finding.about}: {finding.text}"))
+            console.result(one_line(f"            {finding.do}"))
     if output is not None:
         (console.note if as_json else console.result)(str(output))
     grades = {finding.grade for finding in report.findings}
@@ -90,7 +91,7 @@ def warn(log: Log, config: Config) -> None:
 
     found: Sequence[Finding] = [finding for finding in at_a_glance(log, config) if finding.grade != "noted"]
     for finding in found[: AT_MOST - 1] if len(found) > AT_MOST else found:
-        console.note(f"{finding.grade}: {finding.text} {finding.do}")
+        console.note(one_line(f"{finding.grade}: {finding.text} {finding.do}"))
     if len(found) > AT_MOST:
         console.note(f"and {len(found) - AT_MOST + 1} more: mcl check tells them")
 

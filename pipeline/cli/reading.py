@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from pipeline import console
+from pipeline.printable import one_line
 
 if TYPE_CHECKING:
     from pipeline.logs.messages import Log
@@ -131,10 +132,10 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
 
     grid = None if map_path is None else read_map(map_path)
     for remark in () if grid is None else grid.remarks:
-        console.note(f"note: {map_path}: {remark}")
+        console.note(one_line(f"note: {map_path}: {remark}"))
     opened = read(path, grid, reading.names)
     if opened.mcap is not None:
         console.note(f"note: {path}: read as a {opened.format}, by way of {opened.mcap}")
     for remark in opened.remarks:
-        console.note(f"note: {path}: {remark}")
+        console.note(one_line(f"note: {path}: {remark}"))
     return opened.log

@@ -1,7 +1,7 @@
 """Static transforms from a file, for recordings that were made without /tf_static.
 
 The file is YAML: what ``ros2 topic echo --once /tf_static`` prints on the robot (ROS 1: ``rostopic echo -n 1``), or a
-list that somebody typed, ``- {parent: base_link, child: laser, x: 0.2, z: 0.3, yaw: 1.57}``: metres and radians, roll about
+list that somebody typed, ``- {parent: base_link, child: laser, x: 0.2, yaw: 1.57}``: metres and radians, roll about
 x first, then pitch about y, then yaw about z. Numbers that are left out are 0.
 """
 
