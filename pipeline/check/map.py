@@ -99,7 +99,8 @@ def place(log: Log, config: Config, seed: int = 0) -> Tried:
     """Look for the robot in the map over the first two minutes; where nothing is found, with scans that are mirrored.
 
     A laser that is turned on its mount would be found in the map all the same, and the robot with it: that is told by
-    the wheels. Of these minutes the second half counts: by then a robot that can be found is. Raises MclError as `localize` does.
+    the wheels. Of these minutes the second half counts: by then a robot that can be found is. Raises MclError as
+    `localize` does.
     """
     explained = _explained(log, config, seed)
     if explained >= EXPLAINED:

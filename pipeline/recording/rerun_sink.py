@@ -101,7 +101,11 @@ class RerunSink:
         self._log_styles()
         self._log_documents(density)
         self._log_truth()
-        self._wait()  # what a killed run leaves shall say which run it was
+        try:
+            self._wait()  # what a killed run leaves shall say which run it was
+        except MclError:
+            self._stream.disconnect()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -163,16 +167,19 @@ class RerunSink:
         try:
             self._flush()
         finally:
-            self._wait()
-            self._stream.disconnect()
+            try:
+                self._wait()
+            finally:
+                self._stream.disconnect()
 
     def _wait(self) -> None:
         """Until all is written; a viewer that somebody closed meanwhile is no reason to lose the run."""
         try:
             self._stream.flush()
-        except RuntimeError:
+        except RuntimeError as error:
             if not self._viewed:
-                raise
+                said = "no more can be written: the disk is full, or somebody took the folder away"
+                raise MclError(said, "the run is not kept", path=self.path) from error
 
     def _flush(self) -> None:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.
