@@ -275,6 +275,8 @@ def _read(source: str | Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"
         raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
+    except (ValueError, RecursionError) as error:  # numbers and dates that Python cannot hold
+        raise MclError(f"not YAML: {error}", path=path) from error
     if values is None:
         return {}
     if not isinstance(values, Mapping):
@@ -288,7 +290,7 @@ def _yaml_value(text: str, where: str) -> Any:
 
     try:
         return YAML(typ="safe").load(text)
-    except YAMLError as error:
+    except (YAMLError, ValueError, RecursionError) as error:
         raise MclError(f"{where}: the value is not YAML") from error
 
 

@@ -1,4 +1,4 @@
-"""Commands that break down half-way: killed, stopped, on a full disk, in a folder that nobody may write to, two at once.
+"""Commands that break down half-way: killed, stopped, on a full disk, in a read-only folder, two at once.
 
 Whatever happens: no half file under a final name, what was there before is still there, no process and no temporary
 file is left (but by SIGKILL, which nobody hears), the next run succeeds, and there is one line of error, if any.
@@ -37,19 +37,24 @@ SAMPLE = sample_dir()
 
 @dataclass(frozen=True)
 class Broken:
-    """A command: its name, what is typed, and the ``outputs`` that it makes, the last of which tells that it is done."""
+    """A command: its name, what is typed, and the ``outputs`` that it makes."""
 
     name: str
     words: tuple[str, ...]
     outputs: tuple[str, ...]
 
 
+RAW = ("office.log.gz", "--map", "office.dat.gz")
+QUIET = (*FEW, "--no-record")
+RUN = ("new/run.rrd", "new/trajectory.tum", "new/run.json")
 COMMANDS = (
-    Broken("convert", ("convert", "office.log.gz", "--map", "office.dat.gz", "-o", "new.mcap"), ("new.mcap",)),
+    Broken("convert", ("convert", *RAW, "-o", "new.mcap"), ("new.mcap",)),
     Broken("convert map", ("convert", "office.dat.gz", "-o", "new.yaml"), ("new.yaml", "new.pgm")),
-    Broken("localize", ("localize", "office.mcap", *FEW, "-o", "new"), ("new/run.rrd", "new/trajectory.tum", "new/run.json")),
-    Broken("localize raw", ("localize", "office.log.gz", "--map", "office.dat.gz", *FEW, "--no-record", "-o", "new"), ("new/run.json",)),
-    Broken("localize for ROS", ("localize", "office.mcap", *FEW, "--no-record", "--output-mcap", "new.mcap", "-o", "new"), ("new.mcap", "new/run.json")),
+    Broken("localize", ("localize", "office.mcap", *FEW, "-o", "new"), RUN),
+    Broken("localize raw", ("localize", *RAW, *QUIET, "-o", "new"), RUN),
+    Broken(
+        "localize for ROS", ("localize", *RAW, *QUIET, "--output-mcap", "new.mcap", "-o", "new"), ("new.mcap", *RUN)
+    ),
     Broken("tune", ("tune", "office.mcap", "-o", "new.yaml"), ("new.yaml",)),
     Broken("share", ("share", "run", "-o", "new.html"), ("new.html",)),
     Broken("share many", ("share", "run", "--folder", "new"), ("new/index.html",)),
@@ -57,7 +62,8 @@ COMMANDS = (
     Broken("export movie", ("export", "run", "-o", "new.gif"), ("new.gif",)),
     Broken("export raw", ("export", "office.mcap", "--raw", "new"), ("new/office.log",)),
     Broken("check", ("check", "office.mcap", "--particles", "2000", "-o", "new.html"), ("new.html",)),
-)  # fmt: skip
+)
+BAD_WORDS = ("Traceback", "Fatal Python", "panicked", "core dumped", " ERROR ", " WARN ")
 
 
 @dataclass(frozen=True)
@@ -136,7 +142,7 @@ class Desk:
             if now.get(name) != was:
                 yield f"{name} is not what it was"
         lines = [line for line in ended.said.splitlines() if line.startswith(("error:", "stopped"))]
-        if any(word in ended.said for word in ("Traceback", "Fatal Python", "panicked", "core dumped", " ERROR ", " WARN ")):
+        if any(word in ended.said for word in BAD_WORDS):
             yield f"it says: {ended.said[-1500:]}"
         if ended.code == -999:
             yield "it hangs"
@@ -225,7 +231,7 @@ def on_a_full_disk(desk: Desk, command: Broken, limit: int) -> list[str]:
 
 def read_only(desk: Desk, command: Broken) -> list[str]:
     """Nothing can be written into the folder; who may do everything finds another way to say so."""
-    os.chmod(desk.home, 0o500)
+    desk.home.chmod(0o500)
     try:
         if os.access(desk.home, os.W_OK):
             return []
@@ -233,7 +239,7 @@ def read_only(desk: Desk, command: Broken) -> list[str]:
         ended = desk.end(desk.begin(command.words), begun)
         return list(desk.wrong(command, ended)) + ([] if ended.code == 1 else [f"it ends with {ended.code}"])
     finally:
-        os.chmod(desk.home, 0o700)
+        desk.home.chmod(0o700)
         desk.clear()
 
 
@@ -262,7 +268,9 @@ def cut_cache(desk: Desk, rng: random.Random) -> list[str]:
     return wrong
 
 
-def rounds(desk: Desk, number: int, seed: int, commands: Sequence[Broken] = COMMANDS) -> Iterator[tuple[str, list[str]]]:
+def rounds(
+    desk: Desk, number: int, seed: int, commands: Sequence[Broken] = COMMANDS
+) -> Iterator[tuple[str, list[str]]]:
     """Break every command down so many times: what was done, and what was wrong then."""
     rng = random.Random(seed)
     usual = {}

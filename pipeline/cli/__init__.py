@@ -26,7 +26,7 @@ from pipeline.cli.sharing import share
 from pipeline.cli.tuning import tune
 from pipeline.errors import MclError
 
-BAD_INPUT, INTERRUPTED = 1, 130
+BAD_INPUT, INTERRUPTED, TERMINATED = 1, 130, 128 + signal.SIGTERM
 
 
 class _Commands(TyperGroup):
@@ -47,6 +47,10 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             console.error("interrupted")
             raise typer.Exit(INTERRUPTED) from None
+        except SystemExit as end:
+            if end.code == TERMINATED:
+                console.error("terminated")
+            raise
         raise typer.Exit(BAD_INPUT)
 
     def list_commands(self, _: Any) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tempfile
 import time
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,7 @@ from pipeline.filter.step import Step
 from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.outputs import told
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
 from pipeline.recording.columns import Columns, Frame, IsHit, batch_columns, segments, timelines, transforms
@@ -36,6 +38,8 @@ from pipeline.recording.witnesses import Hearing
 Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
+ROOM = 1_000_000
+"""Bytes that must be free: rerun waits for ever where not even the layout of its views can be written."""
 HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
@@ -66,6 +70,9 @@ class RerunSink:
             raise MclError("this recording exists already and is never overwritten", path=self.path)
         if not self.path.parent.is_dir():
             raise MclError("the recording's folder does not exist", path=self.path.parent)
+        with told(self.path), tempfile.TemporaryFile(dir=self.path.parent) as probe:
+            probe.write(bytes(ROOM))
+            probe.flush()
         self._log, self._config, self._seed = log, config, seed
         self._frames: list[Frame] = []
         self._outbox: list[Columns] = []
