@@ -171,7 +171,7 @@ class Desk:
                 ".json": data.rstrip().endswith(b"}"),
                 ".gif": data.endswith(b"\x3b"),
                 ".png": data[-8:-4] == b"IEND",
-                ".pgm": len(data) > 100_000,
+                ".pgm": len(data) > 70_000,
                 ".yaml": data.endswith(b"\n"),
                 ".tum": data.endswith(b"\n"),
             }.get(suffix, True)
