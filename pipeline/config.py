@@ -78,7 +78,7 @@ class Config(BaseModel):
     )
     laser_drift_a: NonNegative = Field(0.0025, description="How far its heading drifts in one metre: a deviation, rad.")
 
-    without: tuple[Literal["gaps", "faults", "loosely", "proposals", "deskewing"], ...] = Field(
+    without: tuple[Literal["gaps", "faults", "loosely", "proposals", "deskewing", "off_map", "memory"], ...] = Field(
         (),
         description="Parts of the motion model that are left out, to see what they are good for: gaps as events, "
         "faults of the wheels, particles that follow the laser loosely, poses that the scan proposes, "

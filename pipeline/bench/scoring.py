@@ -11,7 +11,7 @@ from pipeline.bench.measure import Row, cores, measured, ratios, row, seconds
 from pipeline.config import Config, load_config
 from pipeline.filter.belief import Belief
 from pipeline.filter.estimate import Clusters
-from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
+from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.search import Search

@@ -55,15 +55,21 @@ class Belief:
         Returns the logarithm of the mean of the scan's tempered likelihood over the particles.
         """
         key = stream_key(self._seed, scan, MOTION)
+        before = self.particles.poses.copy()
+        if self._sensor.off_map(self.particles.poses, self.particles.weights) > 0.5:
+            prior = prior.exactly
         self._mover.move(self.particles.poses, prior, key, slipping)
-        evidence = self.weigh(reading)
+        evidence = self.weigh(reading, before)
         self.followed = self._mover.followed(self.particles.weights, prior, key)
         return evidence
 
-    def weigh(self, reading: Reading) -> float:
-        """Every particle is weighed by how well its pose explains the scan; returns the scan's log-evidence."""
+    def weigh(self, reading: Reading, before: NDArray[np.float32] | None = None) -> float:
+        """Every particle is weighed by how well its pose explains the scan; returns the scan's log-evidence.
+
+        ``before`` (3, n): where the particles came from, if they moved.
+        """
         p, least = self.particles, self._config.resample_ess
-        self._sensor.score(p.poses, reading, p.log_likelihood)
+        self._sensor.score(p.poses, reading, p.log_likelihood, before)
         evidence = p.weigh(reading.temper)
         self._updates += 1
         asked = self._updates % self._config.resample_interval == 0

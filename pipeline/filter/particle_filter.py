@@ -28,6 +28,7 @@ from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.prior import Component, Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
+from pipeline.world.memory import KeyScan, Memory
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -37,6 +38,8 @@ FAR = 0.3
 """m: deviation of a drive that nobody saw, from which on the scan proposes places: particles would be too few."""
 STILL = 5.0
 """How many times as far a robot must have moved that its wheels say stands still."""
+NEAR = 30.0
+"""m: what is farther away is not remembered."""
 NOTABLE = 0.01
 """Probability from which on a rival is shown among the hypotheses."""
 TRUSTED = 0.9
@@ -60,6 +63,9 @@ class ParticleFilter:
         self._map_poses = np.empty((config.max_particles, 3), np.float32)
         self._witnesses = Witnesses(laser, config, wheels)
         self._motion: Motion | None = None
+        self._memory: Memory | None = None
+        if self._sensor.world is not None and "memory" not in config.without:
+            self._memory = Memory(self._sensor.world, laser)
         self.hindsight = Hindsight(grid, config)
 
     def update(self, scan: Scan) -> Step:
@@ -69,6 +75,8 @@ class ParticleFilter:
         motion = self._witnesses.update(scan)
         self.hindsight.follow(motion)
         reading = self._sensor.read(motion.ranges)
+        if self._memory is not None and motion.unseen is not None:
+            self._memory.close()
         prior, resampled, verdict = None, False, None
         if moved := self._moved(motion):
             if self._motion is None:
@@ -80,6 +88,7 @@ class ParticleFilter:
         step = self._step(scan, reading, motion, prior, moved, resampled)
         if moved:
             self._learn(step)
+            self._remember(step, verdict)
         return self._narrator.tell(step, verdict)
 
     def _moved(self, motion: Motion) -> bool:
@@ -141,6 +150,18 @@ class ParticleFilter:
         key = stream_key(self._seed, step.index, REMEMBER)
         recovery = self._recovery
         self.hindsight.remember(step, self._belief.particles, recovery.rivals, recovery.odds(MARGIN), key)
+
+    def _remember(self, step: Step, verdict: Verdict | None) -> None:
+        laser = step.motion.laser
+        if self._memory is None or laser is None:
+            return
+        if verdict is not None:
+            self._memory.moved()
+        believed = self._grid.to_grid(step.estimate.pose)
+        seen = step.motion.ranges - np.float32(self._sensor.bias.value)
+        seen[~(seen < NEAR)] = np.nan
+        scan = KeyScan(step.time, (0, laser.stretch), laser.pose, seen, believed)
+        self._memory.follow(scan, step.estimate.weight > TRUSTED)
 
     def _step(
         self, scan: Scan, reading: Reading, motion: Motion, prior: Prior | None, moved: bool, resampled: bool

@@ -144,7 +144,7 @@ class Recovery:
 
     def _hear(self, belief: Belief, reading: Reading, motion: Motion) -> None:
         poses = np.vstack([self._place(belief), self.rivals.poses])
-        statement, weight = self._sensor.statement(poses, reading)
+        statement, weight = self._sensor.statement(poses, reading, np.append(True, self.rivals.roams))
         # Spots are told apart as the wheels reckon, where there are any: good enough for the length of a contest. With
         # the laser's reckoning a robot that was carried off was found later (docs/motion.md).
         at = motion.pose if motion.odometry is None else motion.odometry

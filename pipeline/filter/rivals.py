@@ -26,7 +26,8 @@ class Rivals:
     """Small filters (Table 8.2), side by side, one for each place.
 
     ``poses`` (m, 3) float64 where they are, in the grid frame; ``began`` (m,) seconds, since when they are followed;
-    ``margin`` (m,) nats, by which they must stand out to take the belief's place;
+    ``margin`` (m,) nats, by which they must stand out to take the belief's place; ``roams`` (m,) whether they may leave
+    the map, as a belief may: of places that a search found, which are many, none does;
     ``particles`` (3, m, EACH) float32 and ``weights`` (m, EACH) float64, each row summing to one. ``stream`` is the
     first of three purposes of random numbers.
     """
@@ -39,6 +40,7 @@ class Rivals:
         self.poses = np.empty((0, 3))
         self.began = np.empty(0)
         self.margin = np.empty(0)
+        self.roams = np.empty(0, np.bool_)
         self._ess = np.empty(0)
 
     def __len__(self) -> int:
@@ -63,7 +65,7 @@ class Rivals:
                 known = np.vstack([known, pose])
                 found.append(there[:, np.arange(EACH) * there.shape[1] // EACH])
         if found:
-            self._join(np.stack(found, axis=1), time, margin)
+            self._join(np.stack(found, axis=1), time, margin, roams=False)
         return len(found)
 
     def adopt(
@@ -71,14 +73,15 @@ class Rivals:
     ) -> None:
         """Follow also the place of these poses (3, n), with weights (n,) that sum to one; it comes last."""
         key = stream_key(self._seed, scan, self._stream)
-        self._join(poses[:, None, draw_ancestors(weights, EACH, "low_variance", key)], time, margin)
+        survivors = draw_ancestors(weights, EACH, "low_variance", key)
+        self._join(poses[:, None, survivors], time, margin, roams=True)
 
     def keep(self, rows: NDArray[np.int64]) -> None:
         """Only these are followed any longer, in this order."""
         self.particles = np.ascontiguousarray(self.particles[:, rows])
         self.weights = self.weights[rows]
         self.poses, self.began, self._ess = self.poses[rows], self.began[rows], self._ess[rows]
-        self.margin = self.margin[rows]
+        self.margin, self.roams = self.margin[rows], self.roams[rows]
 
     def follow(self, prior: Prior, reading: Reading, scan: int) -> None:
         """Every rival takes one turn: resample, predict, weigh."""
@@ -91,10 +94,15 @@ class Rivals:
             self.particles[:, row] = self.particles[:, row, survivors]
             self.weights[row] = 1.0 / EACH
         flat = self.particles.reshape(3, -1)
+        before = flat.copy()
         self._mover.move(flat, prior.loosely, stream_key(self._seed, scan, self._stream + 2))
         log_likelihood = np.empty(flat.shape[1], np.float32)
         self._sensor.score(flat, reading, log_likelihood)
-        places.weigh(self.weights, log_likelihood.reshape(self.weights.shape), reading.temper, self._ess)
+        by_row = log_likelihood.reshape(self.weights.shape)
+        for row in np.flatnonzero(self.roams):
+            came, went = before.reshape(self.particles.shape)[:, row], np.ascontiguousarray(self.particles[:, row])
+            self._sensor.score(went, reading, by_row[row], came)
+        places.weigh(self.weights, by_row, reading.temper, self._ess)
         places.mean_poses(*self.particles, self.weights, self.poses)
 
     def covariance(self, row: int) -> NDArray[np.float64]:
@@ -103,12 +111,13 @@ class Rivals:
         delta[2] = wrap_angle(delta[2])
         return np.asarray((self.weights[row] * delta) @ delta.T, np.float64)
 
-    def _join(self, particles: NDArray[np.float32], time: float, margin: float) -> None:
+    def _join(self, particles: NDArray[np.float32], time: float, margin: float, roams: bool) -> None:
         new = particles.shape[1]
         self.particles = np.ascontiguousarray(np.concatenate([self.particles, particles], axis=1))
         self.weights = np.vstack([self.weights, np.full((new, EACH), 1.0 / EACH)])
         self.began = np.append(self.began, np.full(new, time))
         self.margin = np.append(self.margin, np.full(new, margin))
+        self.roams = np.append(self.roams, np.full(new, roams))
         self._ess = np.append(self._ess, np.full(new, float(EACH)))
         self.poses = np.empty((len(self.weights), 3))
         places.mean_poses(*self.particles, self.weights, self.poses)

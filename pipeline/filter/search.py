@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.filter.expected_ranges import BIN, ExpectedRanges
+from pipeline.world.expected_ranges import BIN, ExpectedRanges
 from pipeline.geometry import compose, inverse
 from pipeline.kernels import exhaustive
 from pipeline.kernels.random import uniforms

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.beam_model import BeamModel
-from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
+from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.likelihood_field import LikelihoodField
 from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
@@ -18,9 +20,17 @@ from pipeline.geometry import compose
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.walls import wall_half_thickness
+from pipeline.world.agnostic import Agnostic
+from pipeline.world.unknown import PRICE, Unknown
+from pipeline.world.world import World
 
 EXPLAINED_WITHIN = 0.3
 """Metres: a beam is explained if it ends so close to where the map says it must."""
+import os
+DIFFER = float(os.environ.get("DIFFER","0.0"))
+"""m: ranges closer than this are the same wall, whoever tells of it."""
+SHOWN = float(os.environ.get("SHOWN","0.7"))
+"""Probability that the world is as the log has shown it, where the map has it otherwise."""
 HOTTEST = 8000
 """Cells that a search is remembered by."""
 
@@ -37,7 +47,13 @@ class Reading:
     outside: float
     temper: float
     valid: int
+    agnostic: NDArray[np.float64]
     ends: NDArray[np.float32] | None = None
+
+    @cached_property
+    def likelihood(self) -> NDArray[np.float32]:
+        """(k, 256) what ``rows`` are the logarithms of."""
+        return np.exp(self.rows)
 
 
 class Sensor:
@@ -61,26 +77,56 @@ class Sensor:
         self._search = Search(grid, laser, self._expected, config.free_threshold) if searches else None
         self._searched: Posterior | None = None
         self.bias = RangeBias(config, half_thickness)
+        self._agnostic = Agnostic(max_range)
+        self._unknown: Unknown | None = None
+        self.world: World | None = None
+        if self._field is None and self._expected.table is not None and "off_map" not in config.without:
+            width = self._expected.rows.shape[1]
+            self.world = World(grid, config.occupied_threshold, self._expected.codes, width)
+            self._unknown = Unknown(self.world, self._expected, self._agnostic)
 
     def read(self, scan: NDArray[np.float32]) -> Reading:
         """Of a scan (beams,) the chosen beams, and their likelihood for every true range."""
         self._searched = None
         ranges = self._model.correct(scan[self._beams], self.bias.value)
         rows, outside = self._model.scan_rows(ranges), self._model.outside(ranges)
+        self._agnostic.learn(ranges)
+        agnostic = self._agnostic.density(ranges)
         if self._field is not None:
             ends = self._field.ends(ranges)
             m = ends.shape[1]
-            return Reading(ranges, rows, outside, self._field.temper(m), self._field.voices(m), ends)
+            return Reading(ranges, rows, outside, self._field.temper(m), self._field.voices(m), agnostic, ends)
         valid = int(np.count_nonzero(~np.isnan(ranges)))
-        return Reading(ranges, rows, outside, self._model.temper(ranges), max(1, valid))
+        return Reading(ranges, rows, outside, self._model.temper(ranges), max(1, valid), agnostic)
 
-    def score(self, poses: NDArray[np.float32], reading: Reading, out: NDArray[np.float32]) -> None:
-        """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32."""
-        if self._field is None:
-            self._expected.score(poses, reading.rows, reading.outside, out)
+    def score(
+        self,
+        poses: NDArray[np.float32],
+        reading: Reading,
+        out: NDArray[np.float32],
+        before: NDArray[np.float32] | None = None,
+    ) -> None:
+        """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32.
+
+        ``before`` (3, n): where each pose came from; without it none may be off the map.
+        """
+        if self._field is not None:
+            assert reading.ends is not None, "a reading of another sensor"
+            self._field.score(poses, reading.ends, out)
             return
-        assert reading.ends is not None, "a reading of another sensor"
-        self._field.score(poses, reading.ends, out)
+        self._expected.score(poses, reading.rows, reading.outside, out)
+        if before is None or self._unknown is None or (off := self._unknown.find(poses)) is None:
+            return
+        score = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood).sum(axis=1)
+        entered, walled = self._unknown.entered(off, before, poses)
+        score[entered] -= PRICE / reading.temper
+        score[walled] = reading.outside
+        out[off.which] = score
+
+    def off_map(self, poses: NDArray[np.float32], weights: NDArray[np.float64]) -> float:
+        """How much of the weights (n,) poses (3, n) of the grid frame have that stand on land unknown to the map."""
+        off = None if self._unknown is None else self._unknown.find(poses)
+        return 0.0 if off is None else float(weights[off.which].sum())
 
     @property
     def searches(self) -> bool:
@@ -112,13 +158,33 @@ class Sensor:
         heat[:, 2] = best - best[0]
         return heat.astype(np.float32)
 
-    def statement(self, poses: NDArray[np.float64], reading: Reading) -> tuple[NDArray[np.float64], float]:
+    def statement(
+        self, poses: NDArray[np.float64], reading: Reading, roams: NDArray[np.bool_]
+    ) -> tuple[NDArray[np.float64], float]:
         """(n, k) log-likelihood of each beam at poses (n, 3) of the grid frame, by the beam model; and for how many
-        independent beams one counts."""
+        independent beams one counts. ``roams`` (n,): which of them may be off the map."""
         codes, outside = self._expected.codes_at(poses)
         beams = reading.rows[np.arange(codes.shape[1]), codes].astype(np.float64)
         beams[outside] = self._model.outside(reading.ranges) / codes.shape[1]
+        if self._unknown is not None:
+            if self.world is not None and self.world.changed:
+                beams = self._either(beams, codes, self._unknown.by_log(_columns(poses)), reading)
+            rows = np.flatnonzero(roams)
+            if (off := self._unknown.find(_columns(poses[rows]))) is not None:
+                beams[rows[off.which]] = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood)
         return beams, self._model.temper(reading.ranges)
+
+    def _either(
+        self, beams: NDArray[np.float64], by_map: NDArray[np.uint8], by_log: NDArray[np.uint8], reading: Reading
+    ) -> NDArray[np.float64]:
+        """Log-likelihood (n, k) of beams that see the mapped world or the one that the log has shown, where the two
+        differ: ``beams`` by the map, for the codes ``by_map``, of which those in the other are ``by_log``."""
+        ranges = self._expected.codes.ranges
+        far = np.where(np.isfinite(ranges), ranges, self._expected.codes.max_range)
+        differ = np.abs(far[by_map] - far[by_log]) > DIFFER
+        shown = reading.rows[np.arange(by_log.shape[1]), by_log].astype(np.float64)
+        mixed = np.logaddexp(math.log(1.0 - SHOWN) + beams, math.log(SHOWN) + shown)
+        return np.where(differ, mixed, beams)
 
     def ends(self, pose: NDArray[np.float64], reading: Reading) -> NDArray[np.float64]:
         """(k, 2) where the beams ended, seen from a pose (3,) of the robot, in its frame; not finite for no return."""
@@ -129,13 +195,23 @@ class Sensor:
 
     def beams_at(self, pose: NDArray[np.float64], reading: Reading) -> Beams:
         """The beams as they should be and as they are, at a pose (3,) of the robot in the map frame."""
-        expected = self._expected.at(self._grid.to_grid(pose))
+        at = self._grid.to_grid(pose)
+        expected = self._expected.at(at)
+        if self._unknown is not None and (off := self._unknown.find(_columns(at[None]))) is not None:
+            wall, known = self._unknown.ranges(off)
+            ended = ~(reading.ranges >= known[0])
+            expected = np.where(ended, np.nan, wall[0]).astype(np.float32)
         return Beams(compose(pose, self._laser.pose), self._laser.angles[self._beams], reading.ranges, expected)
+
+
+def _columns(poses: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Poses (n, 3) as the kernels take them: (3, n)."""
+    return np.ascontiguousarray(poses.T.astype(np.float32))
 
 
 def explained_share(beams: Beams) -> float:
     """Share of the beams with a return that end within 0.3 m of where the map says they must; 0 without any."""
-    counted = np.isfinite(beams.measured)
+    counted = np.isfinite(beams.measured) & ~np.isnan(beams.expected)
     if not np.any(counted):
         return 0.0
     return float(np.mean(np.abs(beams.measured[counted] - beams.expected[counted]) < EXPLAINED_WITHIN))

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,29 +131,34 @@ def build_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: fl
     codes = range_codes(grid, laser_max_range)
     cells, row_of_cell = _open_cells(opaque, _width(span))
     wide = np.empty((len(cells), _width(span)), np.uint8)
-    cast_table(opaque, cells, codes, grid.resolution, wide)
+    RangeCaster(opaque, codes, grid.resolution).cast(cells, wide)
     wide.flags.writeable = False  # as what is read from the cache
     return RangeTable(codes, cells, row_of_cell, wide)
 
 
-def cast_table(
-    opaque: NDArray[np.uint8], cells: NDArray[np.int32], codes: RangeCodes, resolution: float, out: NDArray[np.uint8]
-) -> None:
-    """Codes from the centres of ``cells`` (n,) flat, in every heading -> ``out`` (n, HEADINGS or more)."""
-    # One cell off the map on every side, so that no ray has to ask where the map ends.
-    walled = np.pad(opaque, 1)
-    clear = np.empty_like(walled)
-    table.clearance(walled, clear)
-    row, col = np.divmod(cells.astype(np.int64), opaque.shape[1])
-    # From which range on each code counts, and which code that is at every small step.
-    longest = codes.max_range / resolution
-    borders = np.full((2, HIT_CODES + 1), np.inf)
-    borders[0, :HIT_CODES] = codes.steps[0][:HIT_CODES] / resolution
-    borders[1, :UNKNOWN_CODES] = codes.steps[0][HIT_CODES:-1] / resolution
-    steps = np.arange(int(longest * table.STEPS) + 1) / table.STEPS
-    code_at = np.stack([np.searchsorted(b, steps, side="right") - 1 for b in borders]).astype(np.uint8)
-    start = (row + 1) * walled.shape[1] + col + 1
-    table.build_table(50 * out.size, walled, clear, start, HEADINGS, longest, borders, code_at, out)
+class RangeCaster:
+    """Casts rays in every heading from the centres of cells of a raster, ``opaque`` (height, width) uint8: 0 lets rays
+    pass, 1 is occupied, 2 unknown; off it all is."""
+
+    def __init__(self, opaque: NDArray[np.uint8], codes: RangeCodes, resolution: float) -> None:
+        # One cell off the map on every side, so that no ray has to ask where the map ends.
+        self._walled, self._width = np.pad(opaque, 1), opaque.shape[1]
+        self._clear = np.empty_like(self._walled)
+        table.clearance(self._walled, self._clear)
+        # From which range on each code counts, and which code that is at every small step.
+        longest = codes.max_range / resolution
+        borders = np.full((2, HIT_CODES + 1), np.inf)
+        borders[0, :HIT_CODES] = codes.steps[0][:HIT_CODES] / resolution
+        borders[1, :UNKNOWN_CODES] = codes.steps[0][HIT_CODES:-1] / resolution
+        steps = np.arange(int(longest * table.STEPS) + 1) / table.STEPS
+        code_at = np.stack([np.searchsorted(b, steps, side="right") - 1 for b in borders]).astype(np.uint8)
+        self._scale = (HEADINGS, longest, borders, code_at)
+
+    def cast(self, cells: NDArray[np.integer[Any]], out: NDArray[np.uint8]) -> None:
+        """Codes from the centres of ``cells`` (n,) flat, in every heading -> ``out`` (n, HEADINGS or more)."""
+        row, col = np.divmod(cells.astype(np.int64), self._width)
+        start = (row + 1) * self._walled.shape[1] + col + 1
+        table.build_table(50 * out.size, self._walled, self._clear, start, *self._scale, out)
 
 
 def load_range_table(grid: OccupancyGrid, threshold: float, laser_max_range: float, span: int = 0) -> RangeTable:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.geometry import between, wrap_angle
 from pipeline.motion.laser_odometry import GOOD, Match
 
 Array = NDArray[np.float64]
@@ -61,6 +62,14 @@ class Gaps:
         if missing:
             # In a window as wide as it is after so long a time something always fits by chance.
             return Gap("missing", seconds, told, bridged=not parted and not now.wide and now.fit >= GOOD)
-        if ((parted and not now.blind) or (now.wide and now.fit < GOOD)) and usual is not None and told is not None:
+        if usual is None or told is None:
+            return None
+        if (parted and not now.blind) or (now.wide and now.fit < GOOD and not _agree(between(before.pose, now.pose), told)):
             return Gap("unmatched" if usual < MOMENT else "sparse", seconds, told)
         return None
+
+
+def _agree(seen: Array, told: Array) -> bool:
+    """Whether a poor match is where the wheels say: then the robot drove on, to where it sees much that is new."""
+    apart = seen - told
+    return bool(math.hypot(*apart[:2]) < MOVED and abs(float(wrap_angle(apart[2]))) < TURNED)

@@ -29,6 +29,9 @@ CELL, CELLS = 0.1, 512
 """m, and their number along a side: the grid that tells the nearest remembered point. Farther walls wrap around it."""
 POINTS = 150
 """Points of a scan that are matched, at most; key scans keep twice as many."""
+PATIENCE, MOMENT = 3, 1.0
+"""Scans for which a scan that fits nothing may be somebody who stands in the way, where scans follow each other within
+the moment, s, and the wheels say how the robot goes on."""
 KEYS, FRESH = 24, 16
 """Key scans that are remembered; when there are more, only the latest FRESH stay."""
 KEY_D, KEY_A = 0.25, 0.2
@@ -71,7 +74,8 @@ class Match:
     ``fit``: how well the scan fits there, in [0, 1]; ``fit_as_told``: at the first guess, which is the wheels' if there
     are wheels; ``open``: unit vector (2,) of a direction that the walls leave open, None if there is none; ``wide``:
     found in a wide window only; ``stretch``: counts the breaks. Poses of two stretches say nothing about each other.
-    ``blind``: it broke for want of walls, in this scan or in the memory, and not because they were others.
+    ``blind``: it broke for want of walls, in this scan or in the memory, or is joined again after a scan that fitted
+    nothing; that it sees other walls is not said.
     """
 
     pose: Array
@@ -108,6 +112,8 @@ class LaserOdometry:
         self._surface = (abs(laser.angle_increment), WINDOW, THICKNESS, SPACING)
         self._seen = np.empty((4, laser.beams), np.float32)
         self._walls = _Walls(2 * POINTS)
+        self._aside: _Walls | None = None
+        self._doubtful = 0
         self._pose, self._stretch = np.zeros(3), 0
         self._usual = 0.0
 
@@ -141,8 +147,14 @@ class LaserOdometry:
                 if other.fit > best.fit + (0.0 if wide else least) and self._possible(other.pose, seconds):
                     best, wide = other, True
         as_told = self._walls.fit(seen, first)
+        if seconds > MOMENT:
+            self._aside = None
+        if self._aside is not None and (settled := self._settle(seen, n, first, best)) is not None:
+            return settled
         if best.fit < (BROKEN if told else BROKEN_ALONE) or not self._possible(best.pose, seconds):
-            return self._lost(first, n)
+            if told and seconds < MOMENT and self._aside is None:
+                self._aside, self._doubtful, self._walls = self._walls, 0, _Walls(2 * POINTS)
+            return self._lost(first, n, blind=self._aside is not None)
         pose = _kept(best.pose, first, best.open)
         self._pose = pose
         self._walls.remember(self._seen[:, :n], pose)
@@ -151,8 +163,26 @@ class LaserOdometry:
     def begin_anew(self, ranges: NDArray[np.float32]) -> None:
         """Forget the walls, but for what this scan (beams,) sees from where it was matched."""
         n, _ = self._points(ranges)
+        self._aside = None
         self._walls.forget()
         self._walls.remember(self._seen[:, :n], self._pose)
+
+    def _settle(self, seen: NDArray[np.float32], n: int, first: Array, best: _Fit) -> Match | None:
+        """After a scan that fitted nothing: whether the walls from before it are back, so that somebody stood in the
+        way, or the robot is among others now. None as long as that is open."""
+        assert self._aside is not None
+        self._walls, anew = self._aside, self._walls
+        back = self._walls.match(seen, first)
+        if back.fit > POOR and back.fit > best.fit - 0.1:
+            self._aside = None
+            self._pose, self._stretch = _kept(back.pose, first, back.open), self._stretch + 1
+            self._walls.remember(self._seen[:, :n], self._pose)
+            return Match(self._pose, back.covariance, back.fit, back.fit, back.open, False, self._stretch, blind=True)
+        self._walls, self._doubtful = anew, self._doubtful + 1
+        if best.fit < GOOD and self._doubtful < PATIENCE:
+            return None
+        self._aside = None
+        return self._lost(first, n)
 
     def _possible(self, pose: Array, seconds: float) -> bool:
         """Whether a robot gets there in that time."""

@@ -94,6 +94,13 @@ class Prior:
         )
 
     @property
+    def exactly(self) -> Prior:
+        """As the laser says and nobody else, with its own noise, if it does: for a place where the map cannot tell
+        whom of the two to believe."""
+        lasers = tuple(replace(component, share=1.0) for component in self.components if component.name == LASER)
+        return replace(self, components=lasers or self.components)
+
+    @property
     def loosely(self) -> Prior:
         """The same with the wheels' noise only, for a place that is known roughly and must settle where the map has it:
         as the wheels say where they agree with the laser, else as either says."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.filter.expected_ranges import select_beams
+from pipeline.world.expected_ranges import select_beams
 from pipeline.filter.range_bias import RangeBias
 from pipeline.localization import localize
 from pipeline.logs.messages import Log, Scan

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.filter.expected_ranges import select_beams
+from pipeline.world.expected_ranges import select_beams
 from pipeline.geometry import between, compose
 from pipeline.kernels import raycast
 from pipeline.localization import RunResult

@@ -10,7 +10,7 @@ import pytest
 import reference
 
 from pipeline.config import Config
-from pipeline.filter.expected_ranges import ExpectedRanges, select_beams
+from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.geometry import compose
 from pipeline.logs.messages import Laser, Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
