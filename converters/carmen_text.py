@@ -232,7 +232,9 @@ def _on_common_beams(rows: list[_Row], remarks: list[str]) -> tuple[Beams, NDArr
         if own == beams:
             out[:] = row.ranges
         elif own is not None and own.angle_increment:
-            nearest = np.rint((angles - own.angle_min) / own.angle_increment).astype(np.int64)
+            with np.errstate(all="ignore"):  # an increment of almost nothing leads nowhere
+                place = np.nan_to_num(np.rint((angles - own.angle_min) / own.angle_increment), nan=-1.0)
+            nearest = np.clip(place, -1, own.count).astype(np.int64)
             inside = (nearest >= 0) & (nearest < own.count)
             out[inside] = np.array(row.ranges)[nearest[inside]]
     return beams, ranges

@@ -19,7 +19,7 @@ from pipeline.printable import printable
 
 WIDTH, LEFT, LANE, HEIGHT = 1000, 190, 34, 22
 """Of the timeline, in its own units: all of it, the names, from lane to lane, a lane's bars."""
-BINS = 400
+BINS = 200
 LANES = 24
 """Topics that are drawn, those with the most messages."""
 COLOURS = {"broken": "#b3261e", "doubtful": "#c98a1b", "noted": "#7b8794"}
@@ -95,13 +95,12 @@ def timeline(report: Report) -> str:
 
 def _lane(topic: SeenTopic, y: int, first: float, span: float) -> list[str]:
     assert topic.times is not None
-    counts, edges = np.histogram(topic.times, bins=BINS, range=(first, first + span))
+    bins = max(1, min(BINS, len(topic.times) // 4))  # with fewer in each, a steady topic would look like a comb
+    counts, edges = np.histogram(topic.times, bins=bins, range=(first, first + span))
     most = max(int(counts.max()), 1)
     parts = [f'<text x="0" y="{y + 16}">{_text(_shortened(topic.name))}<title>{_text(topic.name)}</title></text>']
-    points = " ".join(
-        f"{_x(float(edge), first, span):.1f},{y + HEIGHT - HEIGHT * count / most:.1f}"
-        for edge, count in zip(edges[:-1], counts.tolist(), strict=True)
-    )
+    tops = [(edge, y + HEIGHT - HEIGHT * counts[k] / most) for k in range(bins) for edge in edges[k : k + 2]]
+    points = " ".join(f"{_x(float(edge), first, span):.1f},{top:.1f}" for edge, top in tops)
     ends = f"{LEFT},{y + HEIGHT} {points} {WIDTH},{y + HEIGHT}"
     parts.append(f'<polygon points="{ends}" fill="#34526f"/>')
     if len(topic.times) > 2:

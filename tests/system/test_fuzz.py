@@ -45,6 +45,7 @@ def test_a_result_or_one_line(
         ("bag", 8, 2),
         ("bag", 252, 2),
         ("tum", 515, 2),
+        ("mcap", 148, 3),
     ],
 )
 def test_what_once_went_wrong(target: str, number: int, seed: int, tmp_path: Path) -> None:
