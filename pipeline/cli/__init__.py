@@ -118,7 +118,8 @@ def main() -> None:
     atexit.register(gc.freeze)
     try:
         app(prog_name="mcl")
-    except KeyboardInterrupt:  # before a command was begun
+    except KeyboardInterrupt:  # before a command was begun, or after it had ended
+        console.error("interrupted")
         sys.exit(INTERRUPTED)
     finally:  # All is done: an exception while Python ends would be a fatal error, in which it dumps its core.
         for number in (signal.SIGINT, signal.SIGTERM):
