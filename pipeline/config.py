@@ -275,7 +275,7 @@ def _read(source: str | Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"
         raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
-    except (ValueError, RecursionError) as error:  # numbers and dates that Python cannot hold
+    except Exception as error:  # numbers, dates and keys that Python cannot hold
         raise MclError(f"not YAML: {error}", path=path) from error
     if values is None:
         return {}
@@ -286,11 +286,10 @@ def _read(source: str | Path) -> dict[str, Any]:
 
 def _yaml_value(text: str, where: str) -> Any:
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
     try:
         return YAML(typ="safe").load(text)
-    except (YAMLError, ValueError, RecursionError) as error:
+    except Exception as error:  # YAMLError, and what Python cannot hold
         raise MclError(f"{where}: the value is not YAML") from error
 
 

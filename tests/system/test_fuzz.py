@@ -46,6 +46,9 @@ def test_a_result_or_one_line(
         ("bag", 252, 2),
         ("tum", 515, 2),
         ("mcap", 148, 3),
+        ("building", 95, 3),
+        ("config", 718, 2),
+        ("bag-mcap", 1290, 2),
     ],
 )
 def test_what_once_went_wrong(target: str, number: int, seed: int, tmp_path: Path) -> None:
