@@ -198,5 +198,5 @@ def _unplaced(base: str, laser: str, transforms: Transforms) -> MclError:
     remarks = "".join(f"; {said}" for said in transforms.remarks(laser, base.strip("'")))
     return MclError(
         f"no transform from {base} to the laser {laser!r}: {transforms.describe()}{remarks}",
-        "--laser-pose X,Y,YAW or --tf FILE says where it is; --base-frame and --laser-frame choose other frames",
+        "--laser-pose X,Y,YAW says where it is, or --tf FILE; --base-frame and --laser-frame choose other frames",
     )
