@@ -7,6 +7,7 @@ VENV := .venv
 SEEDS ?= 20
 INPUTS ?= 1000000
 ROUNDS ?= 20
+ONLY ?=
 DATA ?= ../shared/data
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -45,8 +46,8 @@ format: $(INSTALLED)  ## Mend style where a tool can
 bench: $(INSTALLED)  ## Measure speed; the table, JSON and a picture go to benchmark/
 	$(BIN)/mcl bench --output benchmark --force
 
-sweep: $(INSTALLED)  ## Run the tables of docs/localization.md again, SEEDS=20 runs a row; goes on where it was stopped
-	$(BIN)/python docs/sweep.py --seeds $(SEEDS) --data $(DATA)
+sweep: $(INSTALLED)  ## Run the documentation's tables again, SEEDS=20 runs a row, of rows named ONLY=...; stopped, it goes on
+	$(BIN)/python docs/sweep.py --seeds $(SEEDS) --data $(DATA) --only '$(ONLY)'
 
 fuzz: $(INSTALLED)  ## Mangled files into all that reads files, INPUTS=1000000 of them; what goes wrong is kept in .fuzz/
 	$(BIN)/python tests/fuzz.py --count $(INPUTS)

@@ -1,4 +1,4 @@
-"""Runs the tables of docs/localization.md and docs/faults.md again, row by row; prints one table of what came out.
+"""Runs the tables of docs/localization.md, faults.md and changed_maps.md again, row by row; prints one table of it all.
 
     python docs/sweep.py [--data DIR] [--seeds 20] [--only TEXT] [--jobs N]      or: make sweep SEEDS=20 DATA=DIR
 
@@ -152,6 +152,15 @@ def _rows() -> list[Row]:
         for row in (one, four, intel, aces)
     ]
     failures = [_wrong(row, "--failures", "0.3" if row in whole[:3] else "0.02") for row in whole]
+    seen = [one, four, *(row for row in windows if "120 s from 0 s" in row.name and not row.name.startswith("aces"))]
+    changed = [
+        _wrong(row, "--perturb-map", change)
+        for row in seen
+        for change in (
+            *("0.05", "0.1", "0.2", "0.4"),
+            *(f"{kind}:0.2" for kind in ("doors", "shut", "erased", "unknown", "boxes", "moved")),
+        )
+    ]
     return [
         *whole[:3],
         *dropped[:2],
@@ -166,6 +175,7 @@ def _rows() -> list[Row]:
         *passing,
         *lasting,
         *failures,
+        *changed,
     ]
 
 

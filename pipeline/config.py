@@ -90,11 +90,6 @@ class Config(BaseModel):
     alpha2: NonNegative = Field(0.02, description="Variance of rotation from translation, rad^2/m^2.")
     alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")
     alpha4: NonNegative = Field(0.002, description="Variance of translation from rotation, m^2/rad^2.")
-    slip: Fraction = Field(
-        0.1,
-        description="Share of drives with fifteen times the deviation, while few beams are explained: wheels slip. "
-        "Only where the wheels alone are heard.",
-    )
 
     # --- which beams are used ----------------------------------------------------------------------------
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
@@ -215,9 +210,9 @@ def load_config(
 ) -> Config:
     """Defaults, then the preset or file ``source``, then ``key=value`` strings, then flags that are not None.
 
-    The file may be nav2's, with AMCL's parameters: see ``nav2_params``. What of those has no meaning here is told to
-    ``remark``, a line each. Raises MclError for an unknown key (naming the nearest one), a value out of bounds, a file
-    that is not YAML.
+    The file may be nav2's, with AMCL's parameters: see ``nav2_params``. What of those has no meaning here, and what
+    earlier versions had, is told to ``remark``, a line each. Raises MclError for an unknown key (naming the nearest
+    one), a value out of bounds, a file that is not YAML.
     """
     values: dict[str, Any] = {}
     theirs: Mapping[str, str] = {}
@@ -235,12 +230,24 @@ def load_config(
             raise MclError(f"--set {text!r}: expected key=value")
         typed[key.strip()] = _yaml_value(value, f"--set {text}")
     typed |= {k: v for k, v in flags.items() if v is not None}
+    for where, given in ((source, values), ("--set", typed)):
+        for key in RETIRED.keys() & given.keys():
+            del given[key]
+            remark(f"{where}: the parameter {key!r} is gone, and not read: {RETIRED[key]}")
     # What is wrong is blamed on the file only if it stands there, and nothing typed takes its place.
     return _validate(values | typed, {key: source for key in values if key not in typed}, theirs)
 
 
+RETIRED: Mapping[str, str] = {
+    "slip": "the laser sees through wheels that slip (odometry=both), and wheels alone are taken at their word",
+}
+"""Parameters of earlier versions: what there is instead. Files and settings that still have them are read without."""
+
+
 def check_name(key: str, source: str | Path | None = None) -> None:
     """Raises MclError, naming the nearest one, if there is no parameter of that name; ``source``: where it stands."""
+    if key in RETIRED:
+        raise MclError(f"the parameter {key!r} is gone", RETIRED[key], path=source)
     if key not in Config.model_fields:
         ours = nav2_params.RENAMED.get(key, (key,))[0]
         near = difflib.get_close_matches(ours, Config.model_fields, n=1)

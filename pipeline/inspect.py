@@ -15,6 +15,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
+from pipeline.judgement.verdict import KINDS
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.recording import entities
@@ -64,6 +65,8 @@ class RecordedPose:
     sigma_x: float
     sigma_y: float
     sigma_yaw: float
+    verdict: str | None
+    probability: float | None
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,8 @@ class Inspection:
     ``log_scans``: scans in the log, of which ``scans`` were recorded; ``duration``: seconds from the first to the
     last of these; ``timings``: wall seconds by part; ``figures``: what the run said at its end; ``damage``: one
     line, empty if the file is whole. ``stamps`` (n,) int64 ns, ``times`` (n,) s, ``poses`` (n, 3) float64 in the
-    map frame, ``covariances`` (n, 3, 3); ``statements``: what wheels and laser said of the way.
+    map frame, ``covariances`` (n, 3, 3); ``statements``: what wheels and laser said of the way;
+    ``verdicts`` (n,) indices into ``judgement.verdict.KINDS``, ``probabilities`` (n,) of the estimates being right.
     """
 
     path: Path
@@ -97,6 +101,8 @@ class Inspection:
     poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
     statements: Statements
+    verdicts: NDArray[np.int64]
+    probabilities: NDArray[np.float64]
 
     @property
     def scans(self) -> int:
@@ -129,7 +135,10 @@ class Inspection:
         sigmas = np.sqrt(np.maximum(np.diagonal(self.covariances[row]), 0.0))
         x, y, yaw, sigma_x, sigma_y, sigma_yaw = (float(v) for v in (*self.poses[row], *sigmas))
         scan, stamp, at = int(self.scan_indices[row]), int(self.stamps[row]), float(self.times[row])
-        return RecordedPose(scan, stamp, at, x, y, yaw, sigma_x, sigma_y, sigma_yaw)
+        judged = len(self.probabilities) > row
+        verdict = KINDS[self.verdicts[row]] if judged else None
+        probability = float(self.probabilities[row]) if judged else None
+        return RecordedPose(scan, stamp, at, x, y, yaw, sigma_x, sigma_y, sigma_yaw, verdict, probability)
 
     def gap_at(self, time: float) -> tuple[float, float] | None:
         """From when to when, in seconds, there is no scan at ``time``; None if it lies among the others."""
@@ -172,12 +181,21 @@ class Inspection:
             ("duration", f"{self.duration:.1f} s"),
             ("seed", str(self.seed)),
             ("converged", converged),
+            *self._verdict_rows(),
             *((f"time: {name}", f"{seconds:.2f} s") for name, seconds in self.timings.items()),
             *((name, version) for name, version in self.versions.items()),
             ("recording", self.recording_id),
             ("started", self.started),
         ]
         return [*rows, ("damage", self.damage)] if self.damage else rows
+
+    def _verdict_rows(self) -> list[tuple[str, str]]:
+        if not len(self.verdicts):
+            return []
+        shares = np.bincount(self.verdicts, minlength=len(KINDS)) / len(self.verdicts)
+        said = ", ".join(f"{kind} {100 * share:.0f} %" for kind, share in zip(KINDS, shares, strict=True) if share)
+        last = f"{KINDS[self.verdicts[-1]]}, right with probability {self.probabilities[-1]:.2f}"
+        return [("scans by verdict", said), ("at the end", last)]
 
     def entity_rows(self) -> list[tuple[str, str, str]]:
         """Entities as (path, rows, bytes) texts."""
@@ -238,6 +256,8 @@ def inspect_file(path: Path, file: RrdFile) -> Inspection:
         poses=_numbers(record, f"{entities.RECORD_TYPE}:pose", np.float64).reshape(-1, 3),
         covariances=_numbers(record, f"{entities.RECORD_TYPE}:covariance", np.float64).reshape(-1, 3, 3),
         statements=Statements(file.chunks),
+        verdicts=_numbers_if_there(record, f"{entities.RECORD_TYPE}:verdict", np.int64),
+        probabilities=_numbers_if_there(record, f"{entities.RECORD_TYPE}:probability", np.float64),
     )
 
 
@@ -332,6 +352,11 @@ def _numbers(table: pa.Table | None, column: str, kind: type[Any]) -> NDArray[An
     if table is None:
         return np.empty(0, kind)
     return table[column].combine_chunks().flatten().to_numpy(zero_copy_only=False).astype(kind, copy=False)
+
+
+def _numbers_if_there(table: pa.Table | None, column: str, kind: type[Any]) -> NDArray[Any]:
+    """As ``_numbers``; none from a recording of an earlier version, which has no such column."""
+    return _numbers(table if table is not None and column in table.column_names else None, column, kind)
 
 
 def _first(column: Any) -> Any:

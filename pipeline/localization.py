@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,10 @@ from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.step import Event, Step
 from pipeline.logs.messages import Log, Scan, Trajectory
+
+if TYPE_CHECKING:
+    from pipeline.judgement.verdict import Kind
+    from pipeline.world.seen import Seen
 
 
 class Sink(Protocol):
@@ -29,7 +33,9 @@ class RunResult:
 
     ``events``: (scan index, seconds since the first scan, event); ``seconds``: wall time by part; ``particles``,
     ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``weights`` (n,): the estimate's share of the belief;
-    ``converged_at``: seconds, None if it never did;
+    ``covariances`` (n, 3, 3): of the poses, x, y, yaw;
+    ``converged_at``: seconds, None if it never did; ``verdicts``: on every scan, in words; ``probability`` (n,): that
+    the pose is right; ``seen``: what the log has shown of the world, None if nothing was remembered;
     ``hindsight`` (n, 3): as ``poses``, told from the end of the log.
     """
 
@@ -43,7 +49,11 @@ class RunResult:
     explained: NDArray[np.float64]
     spread: NDArray[np.float64]
     weights: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    probability: NDArray[np.float64]
+    verdicts: tuple[Kind, ...]
     converged_at: float | None = None
+    seen: Seen | None = None
     hindsight: NDArray[np.float64] | None = None
 
     @property
@@ -60,8 +70,11 @@ def localize(
     threads: int | None = None,
     sinks: Sequence[Sink] = (),
     progress: Callable[[Iterable[Scan]], Iterable[Scan]] = iter,
+    seen: Seen | None = None,
 ) -> RunResult:
     """Run Monte Carlo localization over a log; the same log, config and seed give the same result at any ``threads``.
+
+    ``seen``: what earlier runs on this map have shown of the world, to begin with.
 
     Raises MclError if the log has no map, or the map no room for a robot.
     """
@@ -79,7 +92,7 @@ def localize(
     clock = _Clock()
     with use_threads(threads):
         kind = GridFilter if config.filter == "grid" else ParticleFilter
-        mcl = kind(grid, log.laser, config, seed, wheels=log.wheels)
+        mcl = kind(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
         clock.lap("start")
         steps = _Columns(len(log))
         for scan in progress(log.scans()):
@@ -91,7 +104,7 @@ def localize(
             clock.lap("record")
         hindsight = mcl.hindsight.trajectory(seed)
         clock.lap("hindsight")
-    return steps.result(log, clock.seconds, hindsight)
+    return steps.result(log, clock.seconds, hindsight, mcl.finish())
 
 
 class _Columns:
@@ -100,6 +113,9 @@ class _Columns:
     def __init__(self, n: int) -> None:
         self._poses = np.empty((n, 3))
         self._figures = np.empty((n, 6))
+        self._covariances = np.empty((n, 3, 3))
+        self._probability = np.empty(n)
+        self._verdicts: list[Kind] = []
         self._events: list[tuple[int, float, Event]] = []
         self._rows = 0
 
@@ -108,10 +124,15 @@ class _Columns:
         self._figures[self._rows] = (
             len(step.particles), step.ess, step.mean_likelihood, step.explained, step.spread, step.estimate.weight,
         )  # fmt: skip
+        self._covariances[self._rows] = step.estimate.covariance
+        self._probability[self._rows] = step.verdict.probability
+        self._verdicts.append(step.verdict.kind)
         self._events += [(step.index, step.time, event) for event in step.events]
         self._rows += 1
 
-    def result(self, log: Log, seconds: dict[str, float], hindsight: NDArray[np.float64] | None) -> RunResult:
+    def result(
+        self, log: Log, seconds: dict[str, float], hindsight: NDArray[np.float64] | None, seen: Seen | None
+    ) -> RunResult:
         particles, ess, mean_likelihood, explained, spread, weights = self._figures.T.copy()
         converged = [t for _, t, event in self._events if event.kind == "converged"]
         return RunResult(
@@ -125,6 +146,10 @@ class _Columns:
             explained=explained,
             spread=spread,
             weights=weights,
+            covariances=self._covariances,
+            probability=self._probability,
+            verdicts=tuple(self._verdicts),
+            seen=seen,
             converged_at=converged[0] if converged else None,
             hindsight=hindsight,
         )

@@ -116,7 +116,7 @@ def translate(values: Mapping[Any, Any], path: Path | str) -> Translation:
     shortest, longest = file.number("laser_min_range"), file.number("laser_max_range")
     ours["laser_min_range"] = max(0.0, shortest)
     ours["laser_max_range"] = longest if longest > 0.0 else None
-    ours["range_bias"] = ours["slip"] = 0.0  # ranges count as they were measured, and moves as the alphas have it
+    ours["range_bias"] = 0.0  # ranges count as they were measured
     rates = file.number("recovery_alpha_slow"), file.number("recovery_alpha_fast")
     ours["recovery"] = "augmented" if max(rates) > 0.0 else "none"
     if file.number("min_particles") > file.number("max_particles"):

@@ -61,13 +61,15 @@ class DeadReckoning:
     """Where the robot was at every scan by dead reckoning, nothing having looked ahead.
 
     ``poses`` (n, 3) m and rad of base_link, in a frame of their own that starts where the odometry does; ``stamps``
-    (n,) int64 ns; ``seconds`` (n,) of wall clock that each scan took, zeros for the wheels. ``by``: who says so.
+    (n,) int64 ns; ``seconds`` (n,) of wall clock that each scan took, zeros for the wheels. ``by``: who says so;
+    ``faults`` of the wheels that the laser has shown on the way, a sentence each.
     """
 
     by: str
     stamps: NDArray[np.int64]
     poses: Array
     seconds: Array
+    faults: tuple[str, ...] = ()
 
     @property
     def trajectory(self) -> Trajectory:
@@ -118,20 +120,24 @@ def laser_odometry(log: Log, config: Config, *, alone: bool = False, progress: P
     alone = alone or not log.wheels
     heard = config.model_copy(update={"odometry": "laser" if alone else "both"})
     witnesses = Witnesses(log.laser, heard, wheels=not alone)
-    poses, seconds = np.zeros((len(log), 3)), np.zeros(len(log))
+    poses, seconds, faults = np.zeros((len(log), 3)), np.zeros(len(log)), list[str]()
     scans = log.scans() if progress is None else progress(log.scans(), len(log), "laser odometry")
     for i, scan in enumerate(scans):
         start = time.perf_counter()
-        poses[i] = witnesses.update(scan).pose
+        motion = witnesses.update(scan)
         seconds[i] = time.perf_counter() - start
-    return DeadReckoning(LASER if alone else BOTH, log.stamps, poses, seconds)
+        poses[i] = motion.pose
+        faults += [fault.text for fault in motion.faults]
+    return DeadReckoning(LASER if alone else BOTH, log.stamps, poses, seconds, tuple(faults))
 
 
 def wheel_odometry(log: Log) -> DeadReckoning:
-    """Where the robot went by its wheels: the log's own odometry. Raises MclError if it has none."""
+    """Where the robot went by its wheels: the log's own odometry, without leaps. Raises MclError if it has none."""
+    from pipeline.motion.faults import without_leaps
+
     if not log.wheels:
         raise MclError("this log has no odometry", path=log.path)
-    return DeadReckoning(WHEELS, log.stamps, log.odometry, np.zeros(len(log)))
+    return DeadReckoning(WHEELS, log.stamps, without_leaps(log.times, log.odometry), np.zeros(len(log)))
 
 
 def judge(

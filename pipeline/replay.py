@@ -16,11 +16,12 @@ from pipeline.config import Config, dump_config
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import Score, interpolate, known, score
 from pipeline.evaluate.runs import kidnapped_in
-from pipeline.filter.step import Step
+from pipeline.filter.step import TAKEOVERS, Step
+from pipeline.judgement.verdict import KINDS, TRUSTED
 from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
-from pipeline.motion.faults import KINDS
+from pipeline.motion.faults import KINDS as FAULTS
 from pipeline.recording.run_folder import RunFolder
 from pipeline.recording.sampling import draw
 
@@ -29,8 +30,11 @@ if TYPE_CHECKING:
 
     from pipeline.logs.result import ResultFile
     from pipeline.recording.rerun_sink import Density, RerunSink
+    from pipeline.world.seen import Seen
 
 HINDSIGHT = "trajectory_hindsight.tum"
+PLACES = 5
+"""Places that a diagnosis names."""
 
 
 class Progress(Protocol):
@@ -65,6 +69,21 @@ class Replay:
     def explained(self) -> float:
         """Share of the beams that the map explains at the estimate, from convergence on (if it came) to the end."""
         return _explained(self.log, self.result)
+
+    @property
+    def found_at_end(self) -> bool:
+        """Whether the last scan's pose can be trusted."""
+        return self.result.verdicts[-1] in TRUSTED
+
+    @property
+    def known_late(self) -> float:
+        """Share of the scans in the second half of the run that are found, or off the map and known to be there.
+
+        By then a robot that can be found is; on the map of another building none of them was (docs/verdict.md).
+        """
+        late = self.log.times >= self.log.duration / 2
+        known = np.array([kind in TRUSTED for kind in self.result.verdicts])
+        return float(np.mean(known[late]))
 
     @property
     def explained_late(self) -> float:
@@ -109,8 +128,13 @@ def replay(
     given: Sequence[str] = (),
     mcap: Path | None = None,
     viewer: str | None = None,
+    seen: Seen | None = None,
+    passes: int = 1,
 ) -> Replay:
-    """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures.
+    """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures, memory.
+
+    ``seen``: what earlier runs on this map have shown of the world. ``passes``: how often the log is gone through, each
+    time with the memory of the times before; the last one is recorded.
 
     ``mcap``: a file to write as well, the result beside the log's messages; a run that is stopped leaves none.
     ``viewer``: the address of a viewer that shows the recording while it grows.
@@ -136,8 +160,11 @@ def replay(
             sinks: list[Sink] = [*recordings, recorded] if record else []
             if mcap is not None:
                 sinks.append(_Published(stack.enter_context(_result_file(mcap, log, config, seed)), config, seed))
-            watched = _watched(log, progress)
-            result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched)
+            for number in range(1, passes):
+                watched = _watched(log, progress, f"pass {number} of {passes}")
+                seen = localize(log, config, seed=seed, threads=threads, progress=watched, seen=seen).seen
+            watched = _watched(log, progress, "localizing" if passes == 1 else f"pass {passes} of {passes}")
+            result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched, seen=seen)
             done = time.perf_counter()
             for recording in recordings:
                 recording.finish({"timings": result.seconds, **_figures(log, result)}, result.hindsight)
@@ -151,6 +178,8 @@ def replay(
     folder.write_trajectory(result.trajectory)
     if result.hindsight is not None:
         write_tum(folder.path / HINDSIGHT, Trajectory(result.stamps, result.hindsight))
+    if result.seen is not None:
+        result.seen.write(folder.memory)
     folder.write_run(run.to_dict())
     return run
 
@@ -178,6 +207,24 @@ class _Published:
         shares = weights / weights.sum() if len(drawn) else weights
         estimate = step.estimate
         self._file.write(step.index, estimate.pose, estimate.covariance, step.particles[drawn], shares)
+        self._file.diagnose(step.index, step.verdict.kind, _diagnosis(step))
+
+
+def _diagnosis(step: Step) -> dict[str, str]:
+    """What a robot's monitor shows of a step, in texts."""
+    figures = {
+        "probability of being right": step.verdict.probability,
+        "share of the belief": step.estimate.weight,
+        "beams explained": step.explained,
+        "beams short of what is mapped": step.short,
+        "beams behind what is mapped": step.through,
+        "belief off the map": step.off_map,
+    }
+    places = [
+        f"{100 * cluster.weight:.0f} % at ({cluster.pose[0]:.2f}, {cluster.pose[1]:.2f})"
+        for cluster in step.clusters[:PLACES]
+    ]
+    return {name: f"{value:.3f}" for name, value in figures.items()} | {"places": "; ".join(places)}
 
 
 class _Count:
@@ -190,8 +237,8 @@ class _Count:
         self.steps += 1
 
 
-def _watched(log: Log, progress: Progress | None) -> Any:
-    return iter if progress is None else lambda scans: progress(scans, len(log), "localizing")
+def _watched(log: Log, progress: Progress | None, label: str) -> Any:
+    return iter if progress is None else lambda scans: progress(scans, len(log), label)
 
 
 def _figures(log: Log, result: RunResult) -> dict[str, Any]:
@@ -204,11 +251,24 @@ def _figures(log: Log, result: RunResult) -> dict[str, Any]:
         "explained": _explained(log, result),
         "explained_late": _explained_late(log, result),
         "particles": int(result.particles[-1]),
+        "verdict": _verdict(log, result),
         "faults": [
             {"time": time, "kind": event.kind, "text": event.text}
             for _, time, event in result.events
-            if event.kind in ("gap", *KINDS)
+            if event.kind in ("gap", *FAULTS)
         ],
+    }
+
+
+def _verdict(log: Log, result: RunResult) -> dict[str, Any]:
+    """What can be trusted: at the end, in which share of the scans, and from when on which verdict held."""
+    kinds = result.verdicts
+    began = [k for k in range(len(kinds)) if k == 0 or kinds[k] != kinds[k - 1]]
+    return {
+        "at_end": kinds[-1],
+        "probability": float(result.probability[-1]),
+        "shares": {kind: kinds.count(kind) / len(kinds) for kind in KINDS},
+        "since": [{"time": float(log.times[k]), "verdict": kinds[k]} for k in began],
     }
 
 
@@ -227,7 +287,7 @@ def _score(log: Log, result: RunResult) -> Score | None:
     truth = interpolate(log.ground_truth, log.stamps)
     if not known(truth).any():
         return None
-    lost = [index for index, _, event in result.events if event.kind == "lost"]
+    lost = [index for index, _, event in result.events if event.kind in TAKEOVERS]
     at = kidnapped_in(log.metadata)
     try:
         return score(

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from pipeline.config import Config, dump_config, load_config, preset_names
+from pipeline.config import Config, check_name, dump_config, load_config, preset_names
 from pipeline.errors import MclError
 
 
@@ -159,3 +159,20 @@ def test_a_missing_file_lists_the_presets(tmp_path: Path):
     with pytest.raises(MclError) as error:
         load_config(tmp_path / "nosuch.yaml")
     assert "nosuch.yaml: no such config file or preset (presets: " in told(error)
+
+
+def test_a_parameter_of_an_earlier_version_is_one_line_and_not_read(tmp_path: Path):
+    old = tmp_path / "config.yaml"
+    old.write_text("max_beams: 90\nslip: 0.3\n")
+    said: list[str] = []
+    assert load_config(old, remark=said.append) == Config(max_beams=90)
+    (line,) = said
+    assert line.startswith(f"{old}: the parameter 'slip' is gone, and not read: ")
+    assert "odometry=both" in line
+    assert load_config(None, ["slip=0"], remark=said.append) == Config()
+    assert said[1].startswith("--set: the parameter 'slip' is gone")
+
+
+def test_what_is_gone_cannot_be_varied():
+    with pytest.raises(MclError, match=r"the parameter 'slip' is gone.*odometry=both"):
+        check_name("slip")

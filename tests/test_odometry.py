@@ -57,7 +57,7 @@ class Stretched:
         else:
             self._pose = compose(self._pose, between(self._last, scan.odometry) * [self._factor, self._factor, 1.0])
         self._last = scan.odometry
-        return SimpleNamespace(pose=self._pose)
+        return SimpleNamespace(pose=self._pose, faults=())
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,6 @@ from pipeline.bench.measure import Row, cores, measured, ratios, row, seconds
 from pipeline.config import Config, load_config
 from pipeline.filter.belief import Belief
 from pipeline.filter.estimate import Clusters
-from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.resampling import draw_ancestors
 from pipeline.filter.search import Search
@@ -24,6 +23,7 @@ from pipeline.maps.range_table import HEADINGS
 from pipeline.maps.walls import wall_half_thickness
 from pipeline.motion.prior import Prior, motion_prior
 from pipeline.motion.witnesses import Motion
+from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 
 POSES = 200_000
 """Random poses of the scoring rows."""

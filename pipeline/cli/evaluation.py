@@ -23,10 +23,10 @@ from pipeline.cli.parameters import (
 )
 from pipeline.cli.reading import LogArguments, Reading, open_log, reads_logs
 from pipeline.errors import MclError
-from pipeline.outputs import check_output, replacing
+from pipeline.outputs import check_folder, check_output, replacing
 
 if TYPE_CHECKING:
-    from pipeline.evaluate import Comparison
+    from pipeline.evaluate import Calibration, Comparison
 
 LIMIT_FAILED = 3
 PICTURES = (".png", ".pdf", ".svg")
@@ -74,11 +74,31 @@ def evaluate(
             "shifted, or put elsewhere (Fox, Burgard and Thrun 1999). Several rates are compared; --plot draws them.",
         ),
     ] = None,
+    perturb_map: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND:SHARE,...",
+            help="Make the map wrong on purpose, anew for every seed: change this share of the wall that is seen. "
+            "doors, open on the map and shut now or the other way round; shut, doors across the robot's way; "
+            "erased, walls of a patch are missing; unknown, a patch is; boxes, that are not there; moved, pieces of "
+            "wall; a SHARE alone, all of them mixed. Several are compared; --plot draws them.",
+        ),
+    ] = None,
+    calibration: Annotated[
+        bool,
+        typer.Option(
+            "--calibration", help="Tell whether stated probabilities and covariances are true; --plot draws it."
+        ),
+    ] = False,
     reference_frame: Annotated[
         ReferenceFrame, typer.Option(help="Whether the references say where the robot's centre was, or its laser.")
     ] = ReferenceFrame.base,
     plot: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="Draw errors over time and paths on the map.")
+    ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Keep finished runs here; those that are kept already are not run again."),
     ] = None,
     require_success: Annotated[
         float | None,
@@ -90,6 +110,8 @@ def evaluate(
     """Localize with many seeds and score every run against the truth."""
     if plot is not None:
         _check_plot(plot, force)
+    if keep is not None:
+        check_folder(keep, (), force)
     from pipeline import evaluate as evaluation
     from pipeline.logs.tum import read_tum
 
@@ -97,6 +119,8 @@ def evaluate(
         vary or (), lambda values: effective_config(config, [*(settings or ()), *values], particles)
     )
     keys, variants = evaluation.with_failures(keys, variants, failures or ())
+    changes = [change for text in perturb_map or () for change in evaluation.parse_changes(text)]
+    keys, variants = evaluation.with_changes(keys, variants, changes)
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
     done = evaluation.compare(
         [open_log(log, map_path, reading) for log in logs],
@@ -110,16 +134,28 @@ def evaluate(
         kidnapped_at=kidnapped_at or (),
         faults=asked_faults(faults),
         failures=[variant.failures for variant in variants],
+        changes=[variant.change for variant in variants],
+        keep=keep,
     )
     comparison = evaluation.Comparison(keys, variants, done)
     told = comparison if keys else done[0]
+    calibrations = _calibrations(comparison) if calibration else []
     if plot is not None:
         with replacing(plot) as partial:
-            evaluation.plot_recovery(comparison, partial) if failures else evaluation.plot(told, partial)
+            if calibration:
+                evaluation.plot_calibration(calibrations, partial)
+            elif changes:
+                evaluation.plot_changes(comparison, partial)
+            elif failures:
+                evaluation.plot_recovery(comparison, partial)
+            else:
+                evaluation.plot(told, partial)
     if as_json:
-        console.emit_json(told.to_dict())
+        plain = {name: one.to_dict() for name, one in calibrations}
+        console.emit_json(told.to_dict() | ({"calibration": plain} if plain else {}))
     else:
         _tell(comparison, runs)
+        _tell_calibration(calibrations)
         if plot is not None:
             console.result(str(plot))
     if require_success is not None:
@@ -144,9 +180,37 @@ def _tell(comparison: Comparison, runs: int) -> None:
         console.result(columns("kidnapped", recoveries, headings))
     if faults:
         console.result(columns("faults", faults, fault_headings))
+    if changes := comparison.change_table():
+        console.result(columns("maps made wrong", changes, evaluation.CHANGE_COLUMNS))
     if any(done.config.filter == "grid" for done in comparison.evaluations):
         console.result(columns("90 % of the belief at the true place", certain, certain_headings))
     _note_few(comparison)
+
+
+def _calibrations(comparison: Comparison) -> list[tuple[str, Calibration]]:
+    """Of every log and variant, and of all logs together where there are several."""
+    from pipeline import evaluate as evaluation
+
+    found: list[tuple[str, Calibration]] = []
+    for label, done in comparison.labelled:
+        sets = [(log.name, log.runs) for log in done.logs]
+        if len(sets) > 1:
+            sets.append(("all logs", tuple(run for log in done.logs for run in log.runs)))
+        found += [(f"{name}, {label}" if label else name, evaluation.calibration(runs)) for name, runs in sets]
+    return found
+
+
+def _tell_calibration(calibrations: list[tuple[str, Calibration]]) -> None:
+    from pipeline import evaluate as evaluation
+
+    for title, table, headings in (
+        ("right, where a probability was stated", evaluation.reliability_table, evaluation.RELIABILITY_COLUMNS),
+        ("scores, less is better", evaluation.score_table, evaluation.SCORE_COLUMNS),
+        ("errors against covariances", evaluation.region_table, evaluation.REGION_COLUMNS),
+    ):
+        rows = [row for name, told in calibrations for row in table(name, told)]
+        if rows:
+            console.result(columns(title, rows, headings))
 
 
 def _note_few(comparison: Comparison) -> None:

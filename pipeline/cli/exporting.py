@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -14,13 +15,19 @@ from pipeline.outputs import check_folder
 
 
 def export(
-    source: Annotated[
-        Path, typer.Argument(metavar="RUN|LOG.mcap", help="A run's folder or its run.rrd; with --raw a log.")
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN|LOG.mcap", help="A run's folder or its run.rrd; several for a .yaml; with --raw a log."
+        ),
     ],
     outputs: Annotated[
         list[Path] | None,
         typer.Option(
-            "--output", "-o", metavar="FILE", help="A .png, .gif, .webp, .mp4, .tum, .csv or .parquet; repeatable."
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="A .png, .gif, .webp, .mp4, .tum, .csv or .parquet, or a map's .yaml; repeatable.",
         ),
     ] = None,
     at: Annotated[
@@ -41,10 +48,20 @@ def export(
     """Make a picture, a movie or a table of a run.
 
     Without --at, a .png shows the start, when the robot was located or lost, and the end. With --raw, the log and the
-    map that `mcl convert` made an .mcap from are given back, every number as it was.
+    map that `mcl convert` made an .mcap from are given back, every number as it was. A .yaml is the renewed map, as
+    nav2's map_server reads it: what the runs have seen of the building, over the map that they had.
     """
     if (raw is None) == (not outputs):
         raise typer.BadParameter("give --output FILE for a run, or --raw DIR for a log")
+    maps = [output for output in outputs or () if output.suffix.lower() == ".yaml"]
+    if len(sources) > 1 and (raw is not None or len(maps) < len(outputs or ())):
+        raise typer.BadParameter("several runs make one map, a .yaml; of anything else, name one run")
+    source = sources[0]
+    if maps:
+        _maps(sources, maps, force)
+        outputs = [output for output in outputs or () if output not in maps]
+        if not outputs:
+            return
     if raw is not None:
         _raw(source, raw, force)
         return
@@ -70,6 +87,22 @@ def _size(text: str | None) -> tuple[int, int] | None:
     if not (width.isdecimal() and height.isdecimal()):
         raise typer.BadParameter(f"{text!r} is not WIDTHxHEIGHT in pixels, like 1280x720")
     return int(width), int(height)
+
+
+def _maps(runs: Sequence[Path], outputs: Sequence[Path], force: bool) -> None:
+    from pipeline.maps.map_server import save_map
+    from pipeline.outputs import check_output, told
+    from pipeline.world.seen import seen_in
+
+    for output in outputs:
+        check_output(output, force)
+        check_output(output.with_suffix(".pgm"), force)
+    seen = seen_in(runs)
+    assert seen is not None, "one run is asked for"
+    for output in outputs:
+        with told(output):
+            save_map(seen.renewed(), output)
+        console.result(str(output))
 
 
 def _raw(log: Path, folder: Path, force: bool) -> None:

@@ -113,6 +113,8 @@ def _tell(name: str, duration: float, found: DeadReckoning, judged: list[Judged]
         ("speed", f"{found.milliseconds:.2f} ms a scan (median)"),
     ]
     console.note(facts(name, rows))
+    for fault in found.faults:
+        console.note(f"note: {fault}")
     if drifts := capability.drift_table(judged):
         console.result(columns("drift, medians", drifts, capability.DRIFT_COLUMNS))
     if errors := capability.relation_table(judged):

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
     from pipeline.logs.messages import Log
     from pipeline.recording.run_folder import RunFolder
     from pipeline.replay import Replay
+    from pipeline.world.seen import Seen
 
+NOT_FOUND = 3
+"""Exit code of a run at whose end the robot is not found, for those who ask."""
 ABREAST = 5
 """Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
@@ -73,12 +76,23 @@ def localize(
         Path | None,
         typer.Option("--output-mcap", metavar="OUT.mcap", help="Also the result, for RViz, Foxglove and nav2's tools."),
     ] = None,
+    memory: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN", help="Begin with what this run has shown of the world; repeatable."),
+    ] = None,
+    passes: Annotated[
+        int, typer.Option(min=1, max=9, help="Go through the log so often, each time with the memory of the last.")
+    ] = 1,
+    require_found: Annotated[
+        bool, typer.Option("--require-found", help="End with exit code 3 if the robot is not found at the end.")
+    ] = False,
     view: Annotated[bool, typer.Option("--view", help="Show it in rerun's viewer while it runs.")] = False,
     connect: ConnectOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find the robot: recording, trajectory, and what came out."""
     from pipeline.recording.run_folder import create
+    from pipeline.world.seen import seen_in
 
     if (view or connect) and not record:
         raise typer.BadParameter("what is shown is the recording: --no-record leaves nothing to --view")
@@ -94,19 +108,23 @@ def localize(
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     opened = open_log(log, map_path, reading)
     warn(opened, effective)
+    seen = seen_in(memory or [])
     viewer = _viewer_at(connect) if connect or view else None
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
-        opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer
-    )
+        opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
+        seen=seen, passes=passes,
+    )  # fmt: skip
     if as_json:
         written = {} if mcap is None else {"mcap": str(mcap)}
         console.emit_json({"folder": str(run.folder.path), **written, **run.to_dict()})
-        return
-    report(run, map_path, config)
-    if mcap is not None:
-        console.result(str(mcap))
-    console.result(str(run.folder.path))
+    else:
+        report(run, map_path, config)
+        if mcap is not None:
+            console.result(str(mcap))
+        console.result(str(run.folder.path))
+    if require_found and not run.found_at_end:
+        raise typer.Exit(NOT_FOUND)
 
 
 def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:
@@ -172,6 +190,8 @@ def inspect(
                 f"yaw {math.degrees(pose.yaw):.1f} deg (sigma {pose.sigma_x:.3f} m, {pose.sigma_y:.3f} m, "
                 f"{math.degrees(pose.sigma_yaw):.1f} deg)"
             )
+            if pose.verdict is not None:
+                console.result(f"{pose.verdict}: right with probability {pose.probability:.2f}")
             if said is not None:
                 console.result(said.sentence)
     elif as_json:
@@ -240,6 +260,8 @@ def _run(
     given: Sequence[str] = (),
     mcap: Path | None = None,
     viewer: str | None = None,
+    seen: Seen | None = None,
+    passes: int = 1,
 ) -> Replay:
     with _fresh(folder):
         # Loading these takes a while, in which somebody may think better of it.
@@ -259,6 +281,8 @@ def _run(
             given=given,
             mcap=mcap,
             viewer=viewer,
+            seen=seen,
+            passes=passes,
         )
 
 

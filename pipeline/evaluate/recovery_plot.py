@@ -36,13 +36,13 @@ def plot_recovery(comparison: Comparison, path: str | Path) -> None:
     figure = Figure(figsize=(11, 3.6 * len(logs)), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     for (share, seconds), of_one in zip(figure.subplots(len(logs), 2, squeeze=False), logs, strict=True):
-        labels = dict.fromkeys(_label(comparison, variant.values) for variant in comparison.variants)
+        labels = dict.fromkeys(comparison.label_without(PER_METRE, variant) for variant in comparison.variants)
         for k, label in enumerate(labels):
             for name, line in ((ANY, "-"), (ELSEWHERE, "--")):
                 points: Points = [
                     (variant.failures, these)
                     for variant, log in zip(comparison.variants, of_one, strict=True)
-                    if variant.failures is not None and _label(comparison, variant.values) == label
+                    if variant.failures is not None and comparison.label_without(PER_METRE, variant) == label
                     if (these := dict(log.faults).get(name))
                 ]
                 told = ": ".join(part for part in (label, name) if part)
@@ -54,11 +54,6 @@ def plot_recovery(comparison: Comparison, path: str | Path) -> None:
         seconds.set_ylim(0.0, max(1.0, seconds.get_ylim()[1]))
         share.legend(frameon=False, fontsize=8, loc="lower left")
     figure.savefig(path)
-
-
-def _label(comparison: Comparison, values: tuple[str, ...]) -> str:
-    named = zip(comparison.keys, values, strict=True)
-    return ", ".join(f"{key}={value}" for key, value in named if key != PER_METRE)
 
 
 def _curve(share: Axes, seconds: Axes, points: Points, k: int, line: str, label: str) -> None:

@@ -24,6 +24,7 @@ from pipeline.evaluate.metrics import (
     search,
     wilson_interval,
 )
+from pipeline.evaluate.perturbed import Change
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 COLUMNS = (
@@ -50,6 +51,8 @@ COMPARE_COLUMNS = ("log", "configuration", *COLUMNS[1:])
 """Headings of ``compare_table``."""
 RECOVERY_COLUMNS = ("log", "kidnapped at (s)", "recovered", "after (s)", "p95")
 """Headings of ``recovery_table``."""
+CHANGE_COLUMNS = ("log", "map", "asked (%)", "changed (%)", "least", "most")
+"""Headings of ``change_table``: of the seen wall; changed: mean over runs."""
 CERTAIN_COLUMNS = ("log", "certain", "after (s)", "p95")
 """Headings of ``certainty_table``."""
 
@@ -59,7 +62,8 @@ class Run:
     """One seed on one log: ``poses`` (n, 3) m and rad, base_link in map; ``seconds`` of wall clock by part.
 
     ``times`` (n,), ``truth`` (n, 3): of the scans that it was given, which faults may have left out or moved;
-    ``faults``: what followed each of them.
+    ``faults``: what followed each of them. ``probability`` (n,): that the pose is right, as the run stated it at every
+    scan; ``covariances`` (n, 3, 3): of the poses. ``map_changed``: the share of the seen wall that was changed, if any.
     """
 
     seed: int
@@ -70,13 +74,17 @@ class Run:
     """Seconds of log per second of wall clock."""
     times: Array
     truth: Array
+    probability: Array
+    covariances: Array
     faults: tuple[Aftermath, ...] = ()
+    map_changed: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, without the poses."""
         faults = [asdict(fault) for fault in self.faults]
         plain = {"seed": self.seed, **self.score.to_dict(), "speed": self.speed, "seconds": dict(self.seconds)}
-        return plain | {"faults": faults} if faults else plain
+        changed = {} if self.map_changed is None else {"map_changed": self.map_changed}
+        return plain | ({"faults": faults} if faults else {}) | changed
 
 
 @dataclass(frozen=True)
@@ -182,13 +190,14 @@ class LogEvaluation:
 class Evaluation:
     """What ``evaluate`` returns: one entry per log, the configuration, and the versions that ran it.
 
-    ``failures``: per metre, where the protocol made some.
+    ``failures``: per metre, where the protocol made some; ``change``: what was asked of the maps.
     """
 
     logs: tuple[LogEvaluation, ...]
     config: Config
     versions: Mapping[str, str]
     failures: float | None = None
+    change: Change | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, ready for JSON; two logs of the same name are told apart by a number."""
@@ -199,8 +208,9 @@ class Evaluation:
                 name = f"{log.name} ({sum(key.startswith(log.name) for key in logs) + 1})"
             logs[name] = log.to_dict()
         failures = {} if self.failures is None else {"failures": self.failures}
+        change = {} if self.change is None else {"change": asdict(self.change)}
         config = self.config.model_dump(mode="json")
-        return {"logs": logs, **failures, "config": config, "versions": dict(self.versions)}
+        return {"logs": logs, **failures, **change, "config": config, "versions": dict(self.versions)}
 
 
 def versions() -> dict[str, str]:
@@ -246,6 +256,18 @@ def recovery_table(evaluation: Evaluation) -> list[Row]:
 def fault_table(evaluation: Evaluation) -> list[Row]:
     """One row of strings per log and fault, under FAULT_COLUMNS; empty where there were none."""
     return [(log.name, *aftermath_row(*each)) for log in evaluation.logs for each in log.faults]
+
+
+def change_table(evaluation: Evaluation) -> list[Row]:
+    """One row of strings per log, under CHANGE_COLUMNS: how much of the seen wall was changed; empty if none was."""
+    if (change := evaluation.change) is None:
+        return []
+    return [
+        (log.name, change.kind, f"{100 * change.share:g}",
+         *(f"{100 * share:.1f}" for share in (sum(shares) / len(shares), min(shares), max(shares))))
+        for log in evaluation.logs
+        if (shares := [run.map_changed or 0.0 for run in log.runs])
+    ]  # fmt: skip
 
 
 def certainty_table(evaluation: Evaluation) -> list[Row]:

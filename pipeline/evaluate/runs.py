@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import os
-import pickle
 import re
-import signal
-import threading
 import time
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
-from dataclasses import dataclass
-from multiprocessing import active_children, get_context
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal, Protocol
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +20,10 @@ from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.evaluate.aftermath import aftermaths
 from pipeline.evaluate.failures import RECOVERED, draw_failures
+from pipeline.evaluate.kept import Kept, Outcome, source_checksum
 from pipeline.evaluate.metrics import LOCALIZED, Array, interpolate, known, laser_to_base, score, search
+from pipeline.evaluate.perturbed import UNCHANGED, Change, perturb
+from pipeline.evaluate.pool import cores, here, spread
 from pipeline.evaluate.report import Evaluation, LogEvaluation, Run, versions
 from pipeline.logs.disturbed import disturbed
 from pipeline.logs.faults import Fault, noted, placed
@@ -66,13 +64,15 @@ class _Case:
 
 @dataclass(frozen=True)
 class _Work:
-    """All that a process needs to know, once; ``failures``: per metre, one for each of ``configs``."""
+    """All that a process needs to know, once; ``failures`` per metre and ``changes``: one for each of ``configs``."""
 
     cases: tuple[_Case, ...]
     configs: tuple[Config, ...]
     runner: Runner
     faults: tuple[Fault, ...]
     failures: tuple[float | None, ...]
+    changes: tuple[Change | None, ...]
+    kept: Kept | None
 
 
 def evaluate(
@@ -88,6 +88,8 @@ def evaluate(
     kidnapped_at: Sequence[float] = (),
     faults: Sequence[Fault] = (),
     failures: float | None = None,
+    change: Change | None = None,
+    keep: Path | None = None,
     runner: Runner | None = None,
 ) -> Evaluation:
     """Localize every log with seeds first_seed .. first_seed + runs - 1 and score it against its reference.
@@ -96,7 +98,8 @@ def evaluate(
     """
     (only,) = compare(
         logs, references, [config], runs, jobs, first_seed, progress,
-        reference_frame=reference_frame, kidnapped_at=kidnapped_at, faults=faults, failures=[failures], runner=runner,
+        reference_frame=reference_frame, kidnapped_at=kidnapped_at, faults=faults, failures=[failures],
+        changes=[change], keep=keep, runner=runner,
     )  # fmt: skip
     return only
 
@@ -114,6 +117,8 @@ def compare(
     kidnapped_at: Sequence[float] = (),
     faults: Sequence[Fault] = (),
     failures: Sequence[float | None] = (),
+    changes: Sequence[Change | None] = (),
+    keep: Path | None = None,
     runner: Runner | None = None,
 ) -> tuple[Evaluation, ...]:
     """Localize every log with every configuration, each with seeds first_seed .. first_seed + runs - 1; score all runs.
@@ -122,7 +127,9 @@ def compare(
     ``jobs``: processes, one thread each, as many as there are cores if None; 1 stays in this process. The result does
     not depend on it. ``kidnapped_at``: seconds since each log's first scan; none given takes the log's own metadata.
     ``faults`` are made in every log, placed anew by the seed of each run; ``failures``: so many a metre, as
-    ``draw_failures`` places them, one number or None for each of ``configs``.
+    ``draw_failures`` places them, one number or None for each of ``configs``; ``changes``: how ``perturb`` changes the
+    maps, drawn anew by the seed of each run, likewise. ``keep``: a folder in which every finished run is kept, and from
+    which it is taken instead of being run again.
     Raises MclError for a log without reference, a reference that does not overlap it in time, and what the runs raise.
     """
     if runs < 1:
@@ -135,17 +142,20 @@ def compare(
         _case(log, reference, reference_frame, kidnapped_at) for log, reference in zip(logs, references, strict=True)
     )
     rates = tuple(failures) or (None,) * len(configs)
-    work = _Work(cases, tuple(configs), runner or _localize, tuple(faults), rates)
+    changes = tuple(changes) or (None,) * len(configs)
+    kept = None if keep is None else Kept(keep, source_checksum())
+    work = _Work(cases, tuple(configs), runner or _localize, tuple(faults), rates, changes, kept)
     _check(work, first_seed)
     seeds = range(first_seed, first_seed + runs)
     tasks: list[Task] = [(c, k, seed) for c in range(len(configs)) for k in range(len(cases)) for seed in seeds]
-    jobs = min(jobs or _cores(), len(tasks))
-    with closing(_here(work, tasks) if jobs == 1 else _pool(work, tasks, jobs)) as results:
+    jobs = min(jobs or cores(), len(tasks))
+    with closing(here(_run, work, tasks) if jobs == 1 else spread(_run, work, tasks, jobs)) as results:
         done = list(progress(results, len(tasks), "evaluating") if progress else results)
     scored = [_scored(case, done[k * runs : (k + 1) * runs]) for k, case in enumerate(cases * len(configs))]
     n = len(cases)
     return tuple(
-        Evaluation(tuple(scored[c * n : (c + 1) * n]), config, versions(), rates[c]) for c, config in enumerate(configs)
+        Evaluation(tuple(scored[c * n : (c + 1) * n]), config, versions(), rates[c], changes[c])
+        for c, config in enumerate(configs)
     )
 
 
@@ -226,15 +236,14 @@ def _localize(log: Log, config: Config, *, seed: int, threads: int) -> RunResult
 def _run(work: _Work, task: Task) -> Run:
     config, rate, seed = work.configs[task[0]], work.failures[task[0]], task[2]
     case, faults = _disturbed(work.cases[task[1]], work.faults, rate, seed)
-    start = time.perf_counter()
-    result = work.runner(case.log, config, seed=seed, threads=1)
-    elapsed = time.perf_counter() - start
+    case, changed = _changed(case, config, work.changes[task[0]], seed)
+    result = _outcome(work, case.log, config, seed, throwaway=bool(changed))
     scored = score(
         case.log.times,
         result.poses,
         case.truth,
         kidnapped_at=case.kidnapped_at,
-        lost_at=[index for index, _, event in result.events if event.kind == "lost"],
+        lost_at=result.lost_at.tolist(),
         hindsight=result.hindsight,
         weights=result.weights,
     )
@@ -243,78 +252,43 @@ def _run(work: _Work, task: Task) -> Run:
         seed,
         scored,
         result.poses,
-        dict(result.seconds),
-        speed=case.log.duration / elapsed,
+        result.seconds,
+        speed=case.log.duration / result.elapsed,
         times=times,
         truth=case.truth,
+        probability=result.probability,
+        covariances=result.covariances,
+        map_changed=changed,
         faults=aftermaths(times, result.poses, case.truth, faults, limits),
     )
 
 
-# --- here, or in a pool of processes --------------------------------------------------------------------------------
+def _outcome(work: _Work, log: Log, config: Config, seed: int, throwaway: bool) -> Outcome:
+    """What the runner says, now or when it was kept; ``throwaway``: nobody will want this map's table again."""
+    key = None if work.kept is None else work.kept.key(log, config, seed, work.runner)
+    if work.kept is not None and key is not None and (found := work.kept.read(key)) is not None:
+        return found
+    with ExitStack() as stack:
+        if throwaway:
+            folder = stack.enter_context(TemporaryDirectory(prefix="mcl-table-"))
+            stack.enter_context(patch.dict(os.environ, {"MCL_CACHE_DIR": folder}))
+        start = time.perf_counter()
+        result = work.runner(log, config, seed=seed, threads=1)
+        outcome = Outcome.of(result, time.perf_counter() - start)
+    if work.kept is not None and key is not None:
+        work.kept.write(key, outcome)
+    return outcome
 
 
-def _here(work: _Work, tasks: Sequence[Task]) -> Generator[Run, None, None]:
-    for task in tasks:
-        yield _run(work, task)
-
-
-def _pool(work: _Work, tasks: Sequence[Task], jobs: int) -> Generator[Run, None, None]:
-    """The runs in the order of the tasks. Whatever ends this early, Ctrl-C too, ends the processes at once."""
-    others = active_children()
-    with TemporaryDirectory(prefix="mcl-evaluate-") as folder:
-        # By file: the logs are written once, and no process waits for the one before it to have read them.
-        file = Path(folder) / "work.pickle"
-        file.write_bytes(pickle.dumps(work))
-        # Spawned, not forked: a fork copies the locks of numba's and rich's threads without the threads.
-        pool = ProcessPoolExecutor(jobs, get_context("spawn"), initializer=_start, initargs=(file,))
-        try:
-            with _without_interrupts():
-                futures = [pool.submit(_run_started, task) for task in tasks]
-            for future in futures:
-                yield future.result()
-        except BrokenProcessPool as error:
-            hint = "it may have run out of memory: fewer --jobs, or a smaller max_particles"
-            raise MclError("a process of the evaluation died", hint) from error
-        except BaseException:
-            # The executor ends what is left when it sees its processes die. Cancelled futures would make it stumble.
-            for child in active_children():
-                if child not in others:
-                    child.terminate()
-            raise
-        finally:
-            pool.shutdown()
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Processes started meanwhile inherit deaf ears for Ctrl-C: their parent hears it, and ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _changed(case: _Case, config: Config, change: Change | None, seed: int) -> tuple[_Case, float | None]:
+    """The case with the map as this seed changes it, and how much of the seen wall that really is."""
+    if change is None:
+        return case, None
+    log = case.log
+    if change.kind == UNCHANGED or log.grid is None:
+        return case, 0.0
     try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-
-
-_started: _Work | None = None
-
-
-def _start(file: Path) -> None:
-    """What a process does first: one thread for numba, then the work into memory."""
-    global _started
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ["NUMBA_NUM_THREADS"] = "1"
-    _started = pickle.loads(file.read_bytes())
-
-
-def _run_started(task: Task) -> Run:
-    assert _started is not None
-    return _run(_started, task)
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        made = perturb(log.grid, case.truth, log.laser, config, change, seed)
+    except MclError as error:
+        raise MclError(error.message, error.hint, path=log.path) from error
+    return replace(case, log=replace(log, grid=made.grid)), made.changed

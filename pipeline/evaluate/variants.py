@@ -12,12 +12,14 @@ from typing import Any
 from pipeline.config import Config, check_name
 from pipeline.errors import MclError
 from pipeline.evaluate.aftermath import FAULT_COLUMNS, Row
+from pipeline.evaluate.perturbed import Change
 from pipeline.evaluate.report import (
     CERTAIN_COLUMNS,
     COLUMNS,
     RECOVERY_COLUMNS,
     Evaluation,
     certainty_table,
+    change_table,
     compare_table,
     fault_table,
     recovery_table,
@@ -25,18 +27,21 @@ from pipeline.evaluate.report import (
 
 PER_METRE = "failures per metre"
 """What a comparison calls the rate of failures that it varies."""
+MAP = "map"
+"""What a comparison calls the changes of the map that it varies."""
 
 
 @dataclass(frozen=True)
 class Variant:
     """A configuration among others: ``values`` as they were typed, in the order of the parameters that are varied.
 
-    ``failures``: so many are made a metre, if any.
+    ``failures``: so many are made a metre, if any; ``change``: of the map, if any.
     """
 
     values: tuple[str, ...]
     config: Config
     failures: float | None = None
+    change: Change | None = None
 
     @property
     def label(self) -> str:
@@ -84,6 +89,15 @@ class Comparison:
         """Variant by variant, one row of strings per log and fault."""
         return [(row[0], label, *row[1:]) for label, done in self.labelled for row in fault_table(done)]
 
+    def change_table(self) -> list[Row]:
+        """Variant by variant, one row of strings per log, under CHANGE_COLUMNS."""
+        return list(dict.fromkeys(row for done in self.evaluations for row in change_table(done)))
+
+    def label_without(self, key: str, variant: Variant) -> str:
+        """What tells a variant from those that differ in ``key`` only."""
+        named = zip(self.keys, variant.values, strict=True)
+        return ", ".join(f"{name}={value}" for name, value in named if name != key)
+
     @property
     def certain_columns(self) -> Row:
         """Headings of ``certainty_table``."""
@@ -98,7 +112,7 @@ class Comparison:
         variants = []
         for done in self.evaluations:
             plain = done.to_dict()
-            values = plain["config"] | {PER_METRE: done.failures}
+            values = plain["config"] | {PER_METRE: done.failures, MAP: done.change and done.change.text}
             variants.append({"values": {key: values[key] for key in self.keys}, **plain})
         return {"vary": list(self.keys), "variants": variants}
 
@@ -121,6 +135,22 @@ def with_failures(
         replace(one, values=(f"{rate:g}", *one.values), failures=rate) for rate in dict.fromkeys(rates) for one in found
     ]
     return (PER_METRE, *keys), tuple(every)
+
+
+def with_changes(
+    keys: tuple[str, ...], found: tuple[Variant, ...], changes: Sequence[Change]
+) -> tuple[tuple[str, ...], tuple[Variant, ...]]:
+    """Every variant with each of these changes of the map, which are told as one more key if there are several."""
+    if not changes:
+        return keys, found
+    if len(changes) == 1:
+        return keys, tuple(replace(one, change=changes[0]) for one in found)
+    every = [
+        replace(one, values=(change.text, *one.values), change=change)
+        for change in dict.fromkeys(changes)
+        for one in found
+    ]
+    return (MAP, *keys), tuple(every)
 
 
 def variants(

@@ -297,7 +297,8 @@ def _shares(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: floa
     taken: list[tuple[float, float]] = []
     for (x, y, *_), label in zip(scenes.hypotheses[row], scenes.labels[row], strict=False):
         at = window.pixels((x, y)) + 8 * unit
-        while any(abs(at[0] - a) < 34 * unit and abs(at[1] - b) < 15 * unit for a, b in taken):
+        long = max(34, 7 * len(label)) * unit
+        while any(abs(at[0] - a) < long and abs(at[1] - b) < 15 * unit for a, b in taken):
             at[1] += 15 * unit
         taken.append((float(at[0]), float(at[1])))
         canvas.text(at[0], at[1], label, 12 * unit, (170, 40, 110), bold=True, backed=True)

@@ -29,7 +29,7 @@ class Belief:
         self._clusters = Clusters(grid, config.max_particles)
         self._resample_due = False
         self._updates = 0
-        self._mover = Mover(config.slip)
+        self._mover = Mover()
         self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
         self.followed: NDArray[np.float64] = np.empty(0)
@@ -49,16 +49,14 @@ class Belief:
         self._resample_due = False
         return True
 
-    def advance(self, prior: Prior, reading: Reading, scan: int, slipping: bool = False) -> float:
-        """Every particle moves as one of the witnesses says, with noise of its own, or with more; and is weighed.
+    def advance(self, prior: Prior, reading: Reading, scan: int) -> float:
+        """Every particle moves as one of the witnesses says, with noise of its own, and is weighed.
 
         Returns the logarithm of the mean of the scan's tempered likelihood over the particles.
         """
         key = stream_key(self._seed, scan, MOTION)
         before = self.particles.poses.copy()
-        if self._sensor.off_map(self.particles.poses, self.particles.weights) > 0.5:
-            prior = prior.exactly
-        self._mover.move(self.particles.poses, prior, key, slipping)
+        self._mover.move(self.particles.poses, prior, key)
         evidence = self.weigh(reading, before)
         self.followed = self._mover.followed(self.particles.weights, prior, key)
         return evidence

@@ -5,12 +5,13 @@ from __future__ import annotations
 from pipeline.config import Config
 from pipeline.filter.grid_belief import GridBelief
 from pipeline.filter.particle_filter import ParticleFilter
-from pipeline.filter.recovery import Verdict
+from pipeline.filter.recovery import Takeover
 from pipeline.filter.sensor import Reading
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.prior import Prior
 from pipeline.motion.witnesses import Motion
+from pipeline.world.seen import Seen
 
 
 class GridFilter(ParticleFilter):
@@ -21,9 +22,18 @@ class GridFilter(ParticleFilter):
     """
 
     def __init__(
-        self, grid: OccupancyGrid, laser: Laser, config: Config, seed: int = 0, *, wheels: bool = True
+        self,
+        grid: OccupancyGrid,
+        laser: Laser,
+        config: Config,
+        seed: int = 0,
+        *,
+        wheels: bool = True,
+        seen: Seen | None = None,  # noqa: ARG002  (a grid remembers nothing of the world)
     ) -> None:
-        super().__init__(grid, laser, config.model_copy(update={"recovery": "none"}), seed, wheels=wheels)
+        # Of what it knows everything is on the map that was given.
+        alone = {"recovery": "none", "without": (*config.without, "off_map", "memory")}
+        super().__init__(grid, laser, config.model_copy(update=alone), seed, wheels=wheels)
         self._cells = GridBelief(grid, config, self._sensor, seed)
         self._belief = self._cells  # type: ignore[assignment]
 
@@ -36,7 +46,7 @@ class GridFilter(ParticleFilter):
         reading: Reading,
         motion: Motion,
         prior: Prior,
-    ) -> tuple[bool, Verdict | None]:
+    ) -> tuple[bool, Takeover | None]:
         carried = motion.unseen is not None and not motion.unseen.driven
         self._cells.advance(prior, reading, scan.index, carried)
         return False, None

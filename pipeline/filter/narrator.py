@@ -6,7 +6,8 @@ import dataclasses
 import math
 
 from pipeline.filter.contradiction import Contradiction
-from pipeline.filter.recovery import Verdict
+from pipeline.filter.fates import Fates, clause
+from pipeline.filter.recovery import Takeover
 from pipeline.filter.step import Event, Step
 from pipeline.motion.words import in_words
 
@@ -15,6 +16,8 @@ CONVERGED_SPREAD = 0.5
 CONVERGED_WEIGHT = 0.95
 """... and one hypothesis holds so much of the weight."""
 RESAMPLE_WINDOW = 50
+SAID, MOST_SAID = 0.05, 3
+"""Share from which on a hypothesis is in the sentence about a gap, and how many are."""
 
 
 class Narrator:
@@ -28,14 +31,16 @@ class Narrator:
         self._resampled = 0
         self._pace = ""
         self._contradiction = Contradiction()
+        self._fates = Fates()
 
-    def tell(self, step: Step, verdict: Verdict | None) -> Step:
-        """The step, with its events. ``verdict``: of the recovery, if any."""
+    def tell(self, step: Step, takeover: Takeover | None) -> Step:
+        """The step, with its events. ``takeover``: of the recovery, if any."""
+        step = self._fates.name(step)
         events = [
             *_unseen(step),
             *self._search(step),
             *self._start(step),
-            *self._health(step, verdict),
+            *self._health(step, takeover),
             *self._belief(step),
             *self._resampling(step),
             *self._contradiction.hear(step),
@@ -69,19 +74,23 @@ class Narrator:
             return [Event("diverged", f"Spread out again at {step.time:.1f} s: {step.spread:.1f} m.", "WARN")]
         return []
 
-    def _health(self, step: Step, verdict: Verdict | None) -> list[Event]:
+    def _health(self, step: Step, takeover: Takeover | None) -> list[Event]:
         events = []
-        if verdict is not None:
+        if takeover is not None:
+            here = f"{100 * takeover.explained:.0f} % of the beams fit here"
+            there = f"a place {takeover.distance:.0f} m away, followed for {takeover.since:.1f} s"
+            says = f"at {step.time:.1f} s: {here}, but {there}, fits better by {takeover.lead:.1f} nats."
+            events.append(
+                Event("changed", f"Still lost {says}") if self._lost else Event("lost", f"Lost {says}", "WARN")
+            )
             self._lost = True
-            here = f"{100 * verdict.explained:.0f} % of the beams fit here"
-            there = f"a place {verdict.distance:.0f} m away, followed for {verdict.since:.1f} s"
-            text = f"Lost at {step.time:.1f} s: {here}, but {there}, fits better by {verdict.lead:.1f} nats."
-            events.append(Event("lost", text, "WARN"))
         if self._lost and step.estimate.weight > CONVERGED_WEIGHT:
             self._lost = False
             x, y, yaw = step.estimate.pose
             where = f"({x:.2f}, {y:.2f}) m, heading {math.degrees(yaw):.0f} deg"
-            events.append(Event("found", f"Found again at {step.time:.1f} s on {where}."))
+            name = step.estimate.name
+            fate = f": it {clause(name)}" if name else ""
+            events.append(Event("found", f"Found again at {step.time:.1f} s on {where}{fate}."))
         return events
 
     def _resampling(self, step: Step) -> list[Event]:
@@ -112,5 +121,15 @@ def _unseen(step: Step) -> list[Event]:
     seen = f"{gap.seconds:.0f} s are missing before {at}"
     if gap.kind == "unmatched":
         seen = f"The laser sees other walls at {at} than just before"
-    text = f"{seen}; {said}, {so}."
+    text = f"{seen}; {said}, {so}.{_believed(step)}"
     return [*events, Event("gap", text, "INFO" if gap.bridged else "WARN")]
+
+
+def _believed(step: Step) -> str:
+    """How the belief is shared out among what may have become of the robot; empty if that is no question."""
+    shares: dict[str, float] = {}
+    for hypothesis in step.clusters:
+        if hypothesis.name and hypothesis.weight >= SAID:
+            shares[hypothesis.name] = shares.get(hypothesis.name, 0.0) + hypothesis.weight
+    told = [f"{100 * share:.0f} % that it {clause(name)}" for name, share in shares.items()]
+    return f" Believed: {', '.join(told[:MOST_SAID])}." if told else ""

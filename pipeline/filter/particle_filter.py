@@ -17,10 +17,11 @@ from pipeline.filter.estimate import map_estimate
 from pipeline.filter.hindsight import Hindsight
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.narrator import Narrator
-from pipeline.filter.recovery import MARGIN, Recovery, Verdict
-from pipeline.filter.sensor import Reading, Sensor, explained_share
+from pipeline.filter.recovery import MARGIN, Recovery, Takeover
+from pipeline.filter.sensor import Reading, Sensor, contradicting_shares, explained_share
 from pipeline.filter.step import Estimate, Step
 from pipeline.geometry import between, compose
+from pipeline.judgement.verdict import OFF, Judge, Signs
 from pipeline.kernels.belief import to_map
 from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
@@ -29,6 +30,7 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.prior import Component, Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 from pipeline.world.memory import KeyScan, Memory
+from pipeline.world.seen import Seen
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -53,20 +55,36 @@ class ParticleFilter:
     """
 
     def __init__(
-        self, grid: OccupancyGrid, laser: Laser, config: Config, seed: int = 0, *, wheels: bool = True
+        self,
+        grid: OccupancyGrid,
+        laser: Laser,
+        config: Config,
+        seed: int = 0,
+        *,
+        wheels: bool = True,
+        seen: Seen | None = None,
     ) -> None:
         self._grid, self._laser, self._config, self._seed = grid, laser, config, seed
         self._sensor = Sensor(grid, laser, config)
         self._belief = Belief(grid, config, self._sensor, seed)
         self._recovery = Recovery(grid, config, self._sensor, seed)
+        self._judge = Judge()
         self._narrator = Narrator()
         self._map_poses = np.empty((config.max_particles, 3), np.float32)
         self._witnesses = Witnesses(laser, config, wheels)
         self._motion: Motion | None = None
         self._memory: Memory | None = None
+        self._shown = 0
         if self._sensor.world is not None and "memory" not in config.without:
-            self._memory = Memory(self._sensor.world, laser)
+            self._memory = Memory(self._sensor.world, laser, seen)
         self.hindsight = Hindsight(grid, config)
+
+    def finish(self) -> Seen | None:
+        """The log is over: what it has shown of the world; None if nothing is remembered."""
+        if self._memory is None:
+            return None
+        self._memory.close()
+        return self._memory.seen
 
     def update(self, scan: Scan) -> Step:
         """Let one scan change the belief; a robot that stands still teaches nothing new, so nothing changes then."""
@@ -77,19 +95,21 @@ class ParticleFilter:
         reading = self._sensor.read(motion.ranges)
         if self._memory is not None and motion.unseen is not None:
             self._memory.close()
-        prior, resampled, verdict = None, False, None
+        prior, resampled, takeover = None, False, None
         if moved := self._moved(motion):
             if self._motion is None:
                 self._start(scan, reading)
             else:
                 prior = motion_prior(self._motion, motion, self._config)
-                resampled, verdict = self._advance(scan, reading, motion, prior)
+                if self._sensor.off_map(self._belief.particles.poses, self._belief.particles.weights) > OFF:
+                    prior = prior.exactly
+                resampled, takeover = self._advance(scan, reading, motion, prior)
             self._motion = motion
-        step = self._step(scan, reading, motion, prior, moved, resampled)
+        step = self._step(scan, reading, motion, prior, moved, resampled, takeover)
         if moved:
             self._learn(step)
-            self._remember(step, verdict)
-        return self._narrator.tell(step, verdict)
+            self._remember(step, takeover)
+        return self._narrator.tell(step, takeover)
 
     def _moved(self, motion: Motion) -> bool:
         if self._motion is None or motion.unseen is not None:
@@ -115,15 +135,13 @@ class ParticleFilter:
         self._belief.particles.place(poses)
         self._belief.weigh(reading)
 
-    def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Verdict | None]:
+    def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Takeover | None]:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""
         resampled = self._belief.resample(scan.index, motion.unseen is not None)
-        # Where the laser is heard, it says itself that the wheels slip.
-        slipping = motion.laser is None and self._recovery.slipping
         unseen = prior.unseen
         proposes = self._sensor.searches and "proposals" not in self._config.without
         if unseen is None or unseen.reach < FAR or not proposes:
-            self._belief.advance(prior, reading, scan.index, slipping)
+            self._belief.advance(prior, reading, scan.index)
         else:
             self._advance_unseen(prior, unseen, reading, scan.index)
         return resampled, self._recovery.review(self._belief, motion, prior, reading, scan)
@@ -151,11 +169,11 @@ class ParticleFilter:
         recovery = self._recovery
         self.hindsight.remember(step, self._belief.particles, recovery.rivals, recovery.odds(MARGIN), key)
 
-    def _remember(self, step: Step, verdict: Verdict | None) -> None:
+    def _remember(self, step: Step, takeover: Takeover | None) -> None:
         laser = step.motion.laser
         if self._memory is None or laser is None:
             return
-        if verdict is not None:
+        if takeover is not None:
             self._memory.moved()
         believed = self._grid.to_grid(step.estimate.pose)
         seen = step.motion.ranges - np.float32(self._sensor.bias.value)
@@ -164,7 +182,14 @@ class ParticleFilter:
         self._memory.follow(scan, step.estimate.weight > TRUSTED)
 
     def _step(
-        self, scan: Scan, reading: Reading, motion: Motion, prior: Prior | None, moved: bool, resampled: bool
+        self,
+        scan: Scan,
+        reading: Reading,
+        motion: Motion,
+        prior: Prior | None,
+        moved: bool,
+        resampled: bool,
+        takeover: Takeover | None,
     ) -> Step:
         p, best = self._belief.particles, self._belief.hypotheses[0]
         # While the robot (nearly) stands still, the estimate follows the witnesses, as the next prediction will.
@@ -173,6 +198,12 @@ class ParticleFilter:
         estimate = Estimate(compose(best.pose, drift), best.covariance, float(odds[0]) * best.weight)
         at_x, at_y, _ = self._grid.to_grid(estimate.pose)
         beams = self._sensor.beams_at(estimate.pose, reading)
+        short, through = contradicting_shares(beams)
+        off = self._sensor.off_map(p.poses, p.weights)
+        clusters = self._clusters(estimate, odds)
+        places = tuple(cluster.weight for cluster in clusters)
+        changed = motion.unseen is not None or takeover is not None
+        signs = Signs(scan.time, estimate.weight, beams.worth, off, places, changed)
         to_map(3 * p.n, *p.poses, *self._grid.origin, self._map_poses)
         return Step(
             index=scan.index,
@@ -181,7 +212,7 @@ class ParticleFilter:
             particles=_read_only(self._map_poses[: p.n]),
             log_weights=_read_only(p.log_weights),
             estimate=estimate,
-            clusters=self._clusters(estimate, odds),
+            clusters=clusters,
             beams=beams,
             ess=p.ess,
             mean_likelihood=math.exp(p.mean_log_likelihood() / reading.valid),
@@ -190,11 +221,29 @@ class ParticleFilter:
             moved=moved,
             resampled=resampled,
             motion=motion,
+            verdict=self._judge.judge(signs),
+            short=short,
+            through=through,
+            off_map=off,
             prior=prior,
+            changed=self._changed(),
             followed=None if prior is None else self._belief.followed,
             walls=None if motion.laser is None else _read_only(self._witnesses.walls),
             heat=self._sensor.heat(),
         )
+
+    def _changed(self) -> NDArray[np.float32] | None:
+        """Where the world is not as mapped, if another part of it is known to be so than at the step before."""
+        world = self._sensor.world
+        if self._memory is None or world is None or world.version == self._shown:
+            return None
+        self._shown = world.version
+        kinds = self._memory.seen.changed()
+        row, col = np.nonzero(kinds)
+        at = np.stack([col + 0.5 - world.margin, row + 0.5 - world.margin, np.zeros(len(row))], axis=1)
+        places = self._grid.to_map(at * self._grid.resolution)
+        places[:, 2] = kinds[row, col]
+        return places.astype(np.float32)
 
     def _clusters(self, estimate: Estimate, odds: NDArray[np.float64]) -> tuple[Estimate, ...]:
         """The estimate, and after it the belief's other hypotheses and its rivals, heaviest first."""

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.belief import Belief
-from pipeline.filter.evidence import Evidence
 from pipeline.filter.initialization import initial_particles
 from pipeline.filter.rivals import Rivals, same_place
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Step
+from pipeline.judgement.evidence import Evidence
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -21,12 +21,11 @@ from pipeline.motion.prior import Prior
 from pipeline.motion.witnesses import Motion
 
 RATE = 0.1
-"""Share of a new scan in the smoothed share of explained beams: about ten updates of memory."""
-DOUBTFUL = 0.65
-"""Below this smoothed share rivals are looked for. Right poses explain 0.5 to 0.95 of the beams: people, open doors
-and rooms that the map lacks take the rest. So doubt is cheap and frequent; the evidence decides."""
-UNEXPLAINED = 0.45
-"""Below this one the wheels may have slipped, too."""
+"""Share of a new scan in what is smoothed of the beams: about ten updates of memory."""
+DOUBTFUL = 1.0
+"""Nats a beam: if the belief explains the scans no better than that against what this laser reads on average, rivals
+are looked for. Right poses explain 0.5 to 0.95 of the beams, and outdoors fewer: no share of them tells.
+"""
 RESPITE = 10.0
 """Seconds from one search to the next."""
 MOST_RIVALS = 24
@@ -52,7 +51,7 @@ STREAM = 16
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Takeover:
     """A rival took the belief's place: ``lead`` nats ahead, followed for ``since`` seconds, ``distance`` m away from
     the belief, which explained this smoothed share of the beams."""
 
@@ -75,14 +74,10 @@ class Recovery:
         self._grid, self._config, self._sensor, self._seed = grid, config, sensor, seed
         self._slow = self._fast = 0.0
         self._explained: float | None = None
+        self._worth: float | None = None
         self.rivals = Rivals(sensor, seed, STREAM + 2)
         self._evidence = Evidence()
         self._searched = 0.0
-
-    @property
-    def slipping(self) -> bool:
-        """Whether so little is explained that the wheels may have slipped."""
-        return self._explained is not None and self._explained < UNEXPLAINED
 
     def odds(self, against: float | None = None) -> NDArray[np.float64]:
         """(1 + rivals,) probabilities of the belief and of each rival, if one of them is right.
@@ -104,13 +99,15 @@ class Recovery:
         """Take in what an update gave."""
         first = self._explained is None
         before = step.explained if self._explained is None else self._explained
+        worth = step.beams.worth
+        self._worth = worth if self._worth is None else self._worth + RATE * (worth - self._worth)
         self._explained = before + RATE * (step.explained - before)
         slow, fast = self._config.recovery_alpha_slow, self._config.recovery_alpha_fast
         self._slow = step.mean_likelihood if first else self._slow + slow * (step.mean_likelihood - self._slow)
         self._fast = step.mean_likelihood if first else self._fast + fast * (step.mean_likelihood - self._fast)
 
-    def review(self, belief: Belief, motion: Motion, prior: Prior, reading: Reading, scan: Scan) -> Verdict | None:
-        """Let the rivals take their turn after the belief has taken its own; returns the verdict, if one fell."""
+    def review(self, belief: Belief, motion: Motion, prior: Prior, reading: Reading, scan: Scan) -> Takeover | None:
+        """Let the rivals take their turn after the belief has taken its own; returns the takeover, if one fell."""
         if self._config.recovery == "augmented":
             self._add_random(belief, scan.index)
         if self._config.recovery != "search":
@@ -126,12 +123,12 @@ class Recovery:
         if not len(self.rivals):
             return None
         self._hear(belief, reading, motion)
-        verdict = self._decide(belief, scan)
+        takeover = self._decide(belief, scan)
         self._dismiss(belief)
-        return verdict
+        return takeover
 
     def _doubtful(self, scan: Scan) -> bool:
-        return self._explained is not None and self._explained < DOUBTFUL and scan.time - self._searched >= RESPITE
+        return self._worth is not None and self._worth < DOUBTFUL and scan.time - self._searched >= RESPITE
 
     def _add(self, draws: NDArray[np.float32], taken: NDArray[np.float64], scan: Scan, margin: float) -> None:
         """Half of the places are for newcomers; the best of those that were followed keep the rest."""
@@ -150,7 +147,7 @@ class Recovery:
         at = motion.pose if motion.odometry is None else motion.odometry
         self._evidence.enter(statement, self._sensor.ends(at, reading), at[:2], weight)
 
-    def _decide(self, belief: Belief, scan: Scan) -> Verdict | None:
+    def _decide(self, belief: Belief, scan: Scan) -> Takeover | None:
         leads, rivals = self._evidence.leads(), self.rivals
         rivals.margin[leads[1:] < -BEATEN] = MARGIN
         second, best = np.argsort(leads, kind="stable")[-2:]
@@ -167,8 +164,8 @@ class Recovery:
         rivals.adopt(belief.particles.poses, belief.particles.weights, scan.time, scan.index, OPEN)
         self._evidence.keep(np.array([best, *(others + 1), 0]))
         belief.move(*place, stream_key(self._seed, scan.index, STREAM + 1))
-        self._explained = None
-        return Verdict(float(leads[best]), since, float(away), explained)
+        self._explained = self._worth = None
+        return Takeover(float(leads[best]), since, float(away), explained)
 
     def _dismiss(self, belief: Belief) -> None:
         """Rivals go that are far behind, or at the place of a better one; when none is left, the contest is over."""

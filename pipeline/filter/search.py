@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import MclError
-from pipeline.world.expected_ranges import BIN, ExpectedRanges
 from pipeline.geometry import compose, inverse
 from pipeline.kernels import exhaustive
 from pipeline.kernels.random import uniforms
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import HEADINGS
+from pipeline.world.expected_ranges import BIN, ExpectedRanges
 
 COARSE = 0.2
 """Metres between the cells that a coarse search asks: the laser's own noise is hardly finer."""

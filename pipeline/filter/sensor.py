@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.beam_model import BeamModel
-from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.filter.likelihood_field import LikelihoodField
 from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
@@ -21,15 +20,13 @@ from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.walls import wall_half_thickness
 from pipeline.world.agnostic import Agnostic
+from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.world.unknown import PRICE, Unknown
 from pipeline.world.world import World
 
 EXPLAINED_WITHIN = 0.3
 """Metres: a beam is explained if it ends so close to where the map says it must."""
-import os
-DIFFER = float(os.environ.get("DIFFER","0.0"))
-"""m: ranges closer than this are the same wall, whoever tells of it."""
-SHOWN = float(os.environ.get("SHOWN","0.7"))
+SHOWN = 0.7
 """Probability that the world is as the log has shown it, where the map has it otherwise."""
 HOTTEST = 8000
 """Cells that a search is remembered by."""
@@ -115,7 +112,9 @@ class Sensor:
             self._field.score(poses, reading.ends, out)
             return
         self._expected.score(poses, reading.rows, reading.outside, out)
-        if before is None or self._unknown is None or (off := self._unknown.find(poses)) is None:
+        if before is None or self._unknown is None or np.isnan(reading.ranges).all():
+            return
+        if (off := self._unknown.find(poses)) is None:
             return
         score = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood).sum(axis=1)
         entered, walled = self._unknown.entered(off, before, poses)
@@ -167,7 +166,7 @@ class Sensor:
         beams = reading.rows[np.arange(codes.shape[1]), codes].astype(np.float64)
         beams[outside] = self._model.outside(reading.ranges) / codes.shape[1]
         if self._unknown is not None:
-            if self.world is not None and self.world.changed:
+            if self.world is not None and self.world.version:
                 beams = self._either(beams, codes, self._unknown.by_log(_columns(poses)), reading)
             rows = np.flatnonzero(roams)
             if (off := self._unknown.find(_columns(poses[rows]))) is not None:
@@ -179,9 +178,7 @@ class Sensor:
     ) -> NDArray[np.float64]:
         """Log-likelihood (n, k) of beams that see the mapped world or the one that the log has shown, where the two
         differ: ``beams`` by the map, for the codes ``by_map``, of which those in the other are ``by_log``."""
-        ranges = self._expected.codes.ranges
-        far = np.where(np.isfinite(ranges), ranges, self._expected.codes.max_range)
-        differ = np.abs(far[by_map] - far[by_log]) > DIFFER
+        differ = by_map != by_log
         shown = reading.rows[np.arange(by_log.shape[1]), by_log].astype(np.float64)
         mixed = np.logaddexp(math.log(1.0 - SHOWN) + beams, math.log(SHOWN) + shown)
         return np.where(differ, mixed, beams)
@@ -196,12 +193,20 @@ class Sensor:
     def beams_at(self, pose: NDArray[np.float64], reading: Reading) -> Beams:
         """The beams as they should be and as they are, at a pose (3,) of the robot in the map frame."""
         at = self._grid.to_grid(pose)
-        expected = self._expected.at(at)
+        codes, outside = self._expected.codes_at(at[None])
+        expected = self._expected.codes.ranges[codes[0]].astype(np.float32)
+        said = reading.rows[np.arange(codes.shape[1]), codes[0]]
+        if outside[0]:
+            said = np.full(len(said), self._model.outside(reading.ranges) / len(said))
         if self._unknown is not None and (off := self._unknown.find(_columns(at[None]))) is not None:
             wall, known = self._unknown.ranges(off)
             ended = ~(reading.ranges >= known[0])
             expected = np.where(ended, np.nan, wall[0]).astype(np.float32)
-        return Beams(compose(pose, self._laser.pose), self._laser.angles[self._beams], reading.ranges, expected)
+            said = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood)[0]
+        told = ~np.isnan(reading.ranges)
+        worth = float(np.mean((said - np.log(reading.agnostic))[told])) if told.any() else 0.0
+        angles = self._laser.angles[self._beams]
+        return Beams(compose(pose, self._laser.pose), angles, reading.ranges, expected, worth)
 
 
 def _columns(poses: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -215,3 +220,19 @@ def explained_share(beams: Beams) -> float:
     if not np.any(counted):
         return 0.0
     return float(np.mean(np.abs(beams.measured[counted] - beams.expected[counted]) < EXPLAINED_WITHIN))
+
+
+def contradicting_shares(beams: Beams) -> tuple[float, float]:
+    """Shares of the beams with a return that end more than 0.3 m before what is mapped; and that end more than 0.6 m
+    behind it, with a neighbour that does so, too: a single one may have passed by an edge."""
+    counted = np.isfinite(beams.measured) & ~np.isnan(beams.expected)
+    if not np.any(counted):
+        return 0.0, 0.0
+    beyond = np.where(counted, beams.measured, 0.0) - np.where(counted, beams.expected, 0.0)
+    behind = counted & (beyond > 2.0 * EXPLAINED_WITHIN)
+    beside = np.zeros_like(behind)
+    beside[1:] |= behind[:-1]
+    beside[:-1] |= behind[1:]
+    n = np.count_nonzero(counted)
+    short = np.count_nonzero(counted & (beyond < -EXPLAINED_WITHIN)) / n
+    return float(short), float(np.count_nonzero(behind & beside) / n)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:  # whoever only reads steps must not wait for numba
+    from pipeline.judgement.verdict import Verdict
     from pipeline.motion.prior import Prior
     from pipeline.motion.witnesses import Motion
 
@@ -17,12 +18,14 @@ if TYPE_CHECKING:  # whoever only reads steps must not wait for numba
 class Estimate:
     """A Gaussian summary of (a part of) the belief in the map frame.
 
-    ``pose``: (3,) m, m, rad; ``covariance``: (3, 3) of x, y, yaw; ``weight``: its share of the whole belief.
+    ``pose``: (3,) m, m, rad; ``covariance``: (3, 3) of x, y, yaw; ``weight``: its share of the whole belief;
+    ``name``: after a gap, what became of the robot meanwhile if this is where it is; else empty.
     """
 
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
     weight: float = 1.0
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -31,19 +34,25 @@ class Beams:
 
     ``laser``: (3,) pose of the laser in the map frame; ``angles``: (k,) rad in the laser frame;
     ``measured``: (k,) float32 m as the model saw them (inf = no return, NaN = invalid);
-    ``expected``: (k,) float32 m, true ranges z* from the map.
+    ``expected``: (k,) float32 m, true ranges z* from the map, NaN where a beam ended on land that it does not know;
+    ``worth``: nats by which the pose explains a beam better, in the mean, than a reading of this laser is probable.
     """
 
     laser: NDArray[np.float64]
     angles: NDArray[np.float64]
     measured: NDArray[np.float32]
     expected: NDArray[np.float32]
+    worth: float = 0.0
+
+
+TAKEOVERS = ("lost", "changed")
+"""Kinds of events at which another place took the estimate's: the first of a loss, and any more until it is found."""
 
 
 @dataclass(frozen=True)
 class Event:
     """Something worth a line: ``kind`` is a word (started, searched, converged, diverged, resampled,
-    lost, found, contradicted, gap, or a fault of the wheels), ``text`` a sentence."""
+    lost, changed, found, contradicted, gap, or a fault of the wheels), ``text`` a sentence."""
 
     kind: str
     text: str
@@ -58,9 +67,14 @@ class Step:
     the weights sum to one, before resampling; ``clusters``: the hypotheses, heaviest first, ``estimate`` is the first.
     ``ess``: effective sample size 1 / sum(w^2); ``mean_likelihood``: geometric mean over beams and mean over
     particles of p(z | z*), per metre; ``explained``: share of the estimate's beams that the map explains;
+    ``short`` and ``through``: shares of the beams that end before what is mapped, so that something is in the way, and
+    that end far behind it, side by side: the robot is elsewhere, or the wall is gone;
+    ``changed`` (m, 3) float32, where more became known at this scan: x, y in the map frame of the cells in which the
+    world is not as mapped, and how: 1 there is a wall, 2 a wall is gone, 3 there is floor where nothing was known;
     ``heat`` (m, 3) float32, where the building was searched at this scan: x, y in the map frame of the best cells, and
     by how many nats, tempered, the best pose in each is behind the best of all (0 or less).
     ``spread``: RMS distance of the particles from the estimate, m; ``moved``: the robot moved since the last update.
+    ``verdict``: what can be trusted of the estimate; ``off_map``: share of the belief on land that the map lacks;
     ``motion``: what wheels and laser say of the way so far; ``prior``: how the particles moved, None if they did not;
     ``followed`` (components of the prior,): how much of the weight, once weighed, is of particles that followed each,
     None without a prior. ``walls`` (4, k) float32: what the laser's odometry remembers, points (m) in its own frame and
@@ -82,8 +96,13 @@ class Step:
     moved: bool
     resampled: bool
     motion: Motion
+    verdict: Verdict
+    short: float = 0.0
+    through: float = 0.0
+    off_map: float = 0.0
     prior: Prior | None = None
     followed: NDArray[np.float64] | None = None
     walls: NDArray[np.float32] | None = None
+    changed: NDArray[np.float32] | None = None
     heat: NDArray[np.float32] | None = None
     events: tuple[Event, ...] = ()

@@ -25,14 +25,13 @@ def followed(weights, way_of, key, out):
 
 
 @paired
-def move(x, y, theta, ways, way_of, key, quantiles, drives):
+def move(x, y, theta, ways, way_of, key, quantiles):
     """Each particle turns, drives along and across, and turns again, with Gaussian noise of its own; in place.
 
     ``x, y, theta`` (n,) float32, grid frame (m, rad). ``ways`` (k, 12) float32, a row for each way to move: first turn
     and its deviation; drive along, and what the first and second normal add to it; the same across; second turn,
     and what all three add to it. ``way_of`` (256,) int32: which row a particle takes for its eight random bits.
-    ``key`` of the random stream; ``quantiles`` (65536,) float32 of the standard normal, ``drives`` (65536,) of the
-    second normal where it drives along. theta stays in [-pi, pi).
+    ``key`` of the random stream; ``quantiles`` (65536,) float32 of the standard normal. theta stays in [-pi, pi).
     """
     n = x.shape[0]
     table = ways.reshape(-1)
@@ -45,7 +44,7 @@ def move(x, y, theta, ways, way_of, key, quantiles, drives):
             one, two = quantiles[bits & _LOW16], quantiles[(bits >> _S16) & _LOW16]
             three = quantiles[(bits >> _S32) & _LOW16]
             turn = theta[i] + (table[at] + table[at + np.uint64(1)] * one)
-            along = table[at + np.uint64(2)] + table[at + np.uint64(4)] * drives[(bits >> _S16) & _LOW16]
+            along = table[at + np.uint64(2)] + table[at + np.uint64(4)] * two
             along += table[at + np.uint64(3)] * one
             across = table[at + np.uint64(5)] + table[at + np.uint64(6)] * one + table[at + np.uint64(7)] * two
             again = table[at + np.uint64(8)] + table[at + np.uint64(11)] * three

@@ -18,9 +18,6 @@ _S30, _S27, _S31, _S11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(
 _INV_2_53 = 1.0 / (1 << 53)
 _MASK = (1 << 64) - 1
 
-SLIP = 15.0
-"""Where wheels slip, how many times wider the noise of a drive is."""
-
 
 def stream_key(seed: int, scan: int, purpose: int) -> np.uint64:
     """Key of an independent stream of numbers: all three are mixed, so that no two streams overlap in practice."""
@@ -33,23 +30,12 @@ def stream_key(seed: int, scan: int, purpose: int) -> np.uint64:
     return np.uint64(key)
 
 
-def normal_quantiles(slip: float = 0.0) -> NDArray[np.float32]:
+def normal_quantiles() -> NDArray[np.float32]:
     """Quantiles of the standard normal at (i + 1/2) / 65536, (65536,) float32: sixteen random bits become a normal
-    by one look-up, up to 4.3 standard deviations out.
-
-    A share ``slip`` of the numbers comes from a normal SLIP times as wide instead.
-    """
-    probability = (np.arange(65536) + 0.5) / 65536
-    if slip == 0.0:
-        out = np.empty(65536)
-        normal.quantiles(probability, out)
-        return out.astype(np.float32)
-    far = 4.5 * SLIP
-    x = np.linspace(-far, far, 200_001)
-    sure, slipping = np.empty_like(x), np.empty_like(x)
-    normal.distribution(x, sure)
-    normal.distribution(x / SLIP, slipping)
-    return np.interp(probability, (1.0 - slip) * sure + slip * slipping, x).astype(np.float32)
+    by one look-up, up to 4.3 standard deviations out."""
+    out = np.empty(65536)
+    normal.quantiles((np.arange(65536) + 0.5) / 65536, out)
+    return out.astype(np.float32)
 
 
 @inline

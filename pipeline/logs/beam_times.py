@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 
 from pipeline.geometry import between
 from pipeline.logs.columns import PoseColumns
+from pipeline.logs.leaps import leapt
 from pipeline.logs.messages import Laser
 from pipeline.logs.odometry import odometry_at
 
 LONGEST = 1.5
 """Intervals between scans that one of them may take: what is longer says that the field was filled in wrongly."""
-FASTEST = 30.0
-"""m/s: odometry that goes farther while a scan is measured was reset or jumped, and no robot drove."""
 ROUNDING = 1e-9
 """m, rad: who moved less stood still."""
 
@@ -55,6 +54,5 @@ def sweeps_of(
     there, _ = odometry_at(ends, np.full(len(ends), -1), odometry)
     sweeps = between(poses, there)
     sweeps[np.abs(sweeps).max(axis=1) < ROUNDING] = 0.0
-    driven = np.hypot(sweeps[:, 0], sweeps[:, 1])
-    sweeps[~(driven <= FASTEST * max(lasts, 1) / 1e9) | ~np.isfinite(sweeps[:, 2])] = 0.0
+    sweeps[leapt(sweeps, lasts / 1e9) | ~np.isfinite(sweeps).all(axis=1)] = 0.0
     return sweeps

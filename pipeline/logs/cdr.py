@@ -8,7 +8,7 @@ and says None where it does not; rosbags then decodes message by message.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -131,6 +131,30 @@ def pack_sequence(stamp: int, frame: str, items: NDArray[np.float64]) -> bytes:
     if not len(items):
         return head
     return head.ljust(_aligned(len(head), 8), b"\0") + np.ascontiguousarray(items, "<f8").tobytes()
+
+
+def pack_diagnostics(stamp: int, level: int, name: str, message: str, values: Mapping[str, str]) -> bytes:
+    """A DiagnosticArray with one status."""
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    parts = bytearray(struct.pack("<IiI", _LITTLE_ENDIAN, seconds, nanoseconds))
+
+    def text(said: str) -> None:
+        data = said.encode() + b"\0"
+        parts.extend(b"\0" * (_aligned(len(parts), 4) - len(parts)) + struct.pack("<I", len(data)) + data)
+
+    def count(n: int) -> None:
+        parts.extend(b"\0" * (_aligned(len(parts), 4) - len(parts)) + struct.pack("<I", n))
+
+    text("")  # the header's frame
+    count(1)
+    parts.append(level)
+    for said in (name, message, ""):  # the last: which hardware
+        text(said)
+    count(len(values))
+    for key, value in values.items():
+        text(key)
+        text(value)
+    return bytes(parts)
 
 
 def stamp_of(message: bytes) -> int:

@@ -13,7 +13,7 @@ from pipeline.logs.choice import SCAN_TYPES, candidates, chosen, find, of_robot
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns
 from pipeline.logs.decode import decode_scans
 from pipeline.logs.gyroscope import collect_gyroscope
-from pipeline.logs.odometry import in_one_piece
+from pipeline.logs.odometry import joined, without_strays
 from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe, shortened
 from pipeline.logs.stretches import Clock, alongside, one_time, told
 from pipeline.logs.transforms import Transforms, in_space
@@ -50,7 +50,7 @@ def collect(recorded: Recorded, names: Names | None = None, *, mend: bool = True
     Odometry is a topic of Odometry messages, else odom -> base among the transforms. Without either, and unless
     ``names`` asks for it, there is none: then the robot's centre is the root of the transforms that carry the laser, or
     the laser itself in a recording without transforms. A gyroscope is a topic of Imu messages. Of several lasers the
-    first is taken with which all this is found. ``mend``: odometry that jumps goes on from where it stood, and such as
+    first is taken with which all this is found. ``mend``: odometry that jumps there and back is left out, and such as
     never moves is not taken. Raises MclError if the scans, odometry that was asked for, or the laser's place are
     missing, and says what the recording has instead.
     """
@@ -148,8 +148,7 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Dri
     clock, scans, odometry, gyroscope = _in_one_time(scan_topic, scans, odometry, gyroscope, remarks)
     if odometry is not None:
         _check_clocks(scans.stamps, odometry.stamps)
-    if odometry is not None and (mend or odometry.stretch is not None):
-        odometry = _in_one_piece(odometry, found.topic, remarks)
+        odometry = _in_one_frame(odometry, found.topic if mend else "", remarks)
     return Drive(scans, odometry, laser_in_base, origin, gyroscope, clock, tuple(dict.fromkeys(remarks)))
 
 
@@ -185,12 +184,12 @@ def _span(stamps: NDArray[np.int64]) -> str:
     return f"from {stamps.min() / 1e9:.3f} to {stamps.max() / 1e9:.3f} s"
 
 
-def _in_one_piece(odometry: PoseColumns, topic: str, remarks: list[str]) -> PoseColumns:
-    """The odometry as it goes on over resets and from one stretch to the next."""
+def _in_one_frame(odometry: PoseColumns, mended: str, remarks: list[str]) -> PoseColumns:
+    """The odometry as it goes on from one stretch to the next; without strays if its topic is ``mended``."""
     ordered = odometry.take(np.argsort(odometry.stamps, kind="stable"))
-    breaks = [] if ordered.stretch is None else (np.flatnonzero(np.diff(ordered.stretch)) + 1).tolist()
-    whole = in_one_piece(ordered, topic, breaks)
-    remarks += whole.remarks[len(odometry.remarks) :]
+    sound = without_strays(ordered, mended) if mended else ordered
+    remarks += sound.remarks[len(ordered.remarks) :]
+    whole = joined(sound)
     return odometry if whole is ordered else whole
 
 

@@ -1,4 +1,7 @@
-"""Odometry at the stamps of scans, and in one piece: where it was reset it goes on from where it stood."""
+"""Odometry at the stamps of scans: without messages that are wrong, and in one frame where stamps begin anew.
+
+Where it leaps and stays away, as after a restart, it is handed on as it was recorded: ``pipeline.motion`` notices.
+"""
 
 from __future__ import annotations
 
@@ -8,60 +11,60 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.geometry import Pose, compose, inverse, wrap_angle
+from pipeline.geometry import Pose, between, compose, inverse, wrap_angle
 from pipeline.logs.columns import PoseColumns, planar_poses
+from pipeline.logs.leaps import leapt
 
-LEAP, TURN = 0.5, 0.5
-"""m, rad: a smaller step is no jump, however short it took."""
-FASTEST, TURNING = 2.0, 8.0
-"""m/s, rad/s: every robot may be as fast as that; real wheels slipped at 6.6 rad/s."""
-TIMES_USUAL = 4.0
-"""So many times the speed that nine of ten steps stay below is a jump."""
-ZERO = 0.02
-"""m, rad: who lands so near to the origin from afar was set back to it."""
-SHORTEST = 0.02
-"""s: two stamps closer together say nothing of a speed."""
 EXCURSION = 5
-"""So many messages may be elsewhere and the next one back again, without a reset: they are wrong."""
+"""So many messages may be elsewhere and the next one back again: they are wrong, and the odometry did not leap."""
 
 
-def in_one_piece(odometry: PoseColumns, what: str, breaks: Sequence[int] = ()) -> PoseColumns:
-    """Odometry, in the order of its stamps, that does not jump: after a jump that no robot makes it goes on from where
-    it stood, and messages that jump there and back are left out; ``remarks`` say so.
+def without_strays(odometry: PoseColumns, what: str) -> PoseColumns:
+    """Odometry, in the order of its stamps, without messages that leap elsewhere and back; ``remarks`` say so.
 
-    ``breaks``: rows before which it was begun anew for another reason, which are no jumps and no drives either.
+    ``what`` names the topic in the remark. Where a stretch begins nothing has leapt.
     """
-    planar = odometry.planar
-    jumping = _jumps(odometry.stamps, planar)
-    jumping[list(breaks)] = False
-    if not jumping.any() and not breaks:
+    times, planar = odometry.stamps / 1e9, odometry.planar
+    leaps = leapt(between(planar[:-1], planar[1:]), np.diff(times))
+    if odometry.stretch is not None:
+        leaps &= np.diff(odometry.stretch) == 0
+    wrong: list[int] = []
+    for start in (np.flatnonzero(leaps) + 1).tolist():
+        if wrong and start <= wrong[-1] + 1:
+            continue
+        for back in range(start + 1, min(start + 1 + EXCURSION, len(planar))):
+            if odometry.stretch is not None and odometry.stretch[back] != odometry.stretch[start]:
+                break
+            if leaps[back - 1] and not leapt(between(planar[start - 1], planar[back]), times[back] - times[start - 1]):
+                wrong += range(start, back)
+                break
+    if not wrong:
         return odometry
-    kept, resets, wrong = _walked(odometry.stamps, planar, jumping, set(breaks))
-    remarks = odometry.remarks
-    if wrong:
-        x, y, _ = planar[wrong[0]]
-        remarks += (
-            f"{what}: {len(wrong):,} of {len(planar):,} messages left out, no robot gets there and back so fast: the "
-            f"first says x = {x:g}, y = {y:g}",
-        )
-    if resets:
-        at = resets[0]
-        far = np.hypot(*(planar[at] - planar[at - 1])[:2])
-        seconds = (odometry.stamps[at] - odometry.stamps[at - 1]) / 1e9
-        times = "once" if len(resets) == 1 else f"{len(resets):,} times"
-        since = (odometry.stamps[at] - odometry.stamps[0]) / 1e9
-        remarks += (
-            f"{what} was reset {times}, first {since:.1f} s after its start: {far:.1f} m in {seconds:.2f} s is no "
-            "drive; it goes on from where it stood",
-        )
-    starts = np.searchsorted(kept, [0, *sorted({*resets, *breaks})]).tolist()
-    rest = odometry.take(np.array(kept))
-    motions = continue_odometry(rest.planar, starts)
-    ends = [*starts[1:], len(rest)]
-    whole = np.concatenate([move(rest.planar[s:e], m) for s, e, m in zip(starts, ends, motions, strict=True)])
+    x, y, _ = planar[wrong[0]]
+    remark = (
+        f"{what}: {len(wrong):,} of {len(planar):,} messages left out, no robot gets there and back so fast: the "
+        f"first says x = {x:g}, y = {y:g}"
+    )
+    return replace(odometry.take(np.delete(np.arange(len(planar)), wrong)), remarks=(*odometry.remarks, remark))
+
+
+def joined(odometry: PoseColumns) -> PoseColumns:
+    """Odometry, in the order of its stamps, that goes on from where it stood where a stretch begins."""
+    begins = [] if odometry.stretch is None else (np.flatnonzero(np.diff(odometry.stretch)) + 1).tolist()
+    if not begins:
+        return odometry
+    whole = gone_on(odometry.planar, begins)
+    moved = planar_poses(odometry.stamps, odometry.sequences, whole, odometry.frame, odometry.child_frame)
+    return replace(moved, stretch=odometry.stretch, remarks=odometry.remarks)
+
+
+def gone_on(poses: NDArray[np.float64], begins: Sequence[int]) -> NDArray[np.float64]:
+    """Poses (n, 3) that stand still before each of the rows ``begins``, whatever they say there, and go on."""
+    starts = [0, *begins]
+    ends, motions = [*starts[1:], len(poses)], continue_odometry(poses, starts)
+    whole = np.concatenate([move(poses[s:e], m) for s, e, m in zip(starts, ends, motions, strict=True)])
     whole[:, 2] = wrap_angle(whole[:, 2])
-    moved = planar_poses(rest.stamps, rest.sequences, whole, rest.frame, rest.child_frame)
-    return replace(moved, stretch=rest.stretch, remarks=remarks)
+    return whole
 
 
 def continue_odometry(poses: NDArray[np.float64], starts: Sequence[int]) -> list[Pose]:
@@ -92,66 +95,13 @@ def move(poses: NDArray[np.float64], motion: Pose) -> NDArray[np.float64]:
     )
 
 
-def _walked(
-    stamps: NDArray[np.int64], planar: NDArray[np.float64], jumping: NDArray[np.bool_], breaks: set[int]
-) -> tuple[list[int], list[int], list[int]]:
-    """The rows to keep, those of them that follow a reset, and those that are wrong."""
-    usual = _usual(stamps, planar)
-    kept = [0]
-    resets: list[int] = []
-    wrong: list[int] = []
-    i = 1
-    while i < len(planar):
-        if i in breaks or not (jumping[i] if kept[-1] == i - 1 else _jump(stamps, planar, kept[-1], i, usual)):
-            kept.append(i)
-            i += 1
-            continue
-        ahead = range(i + 1, min(i + 1 + EXCURSION, len(planar)))
-        back = next((j for j in ahead if not breaks & set(range(i, j + 1)) and jumping[j]), None)
-        if back is not None and not _jump(stamps, planar, kept[-1], back, usual):
-            wrong += range(i, back)
-            kept.append(back)
-            i = back + 1
-        else:
-            resets.append(i)
-            kept.append(i)
-            i += 1
-    return kept, resets, wrong
-
-
-def _usual(stamps: NDArray[np.int64], planar: NDArray[np.float64]) -> float:
-    """The speed, m/s, that nine of ten steps stay below."""
-    seconds = np.maximum(np.diff(stamps) / 1e9, SHORTEST)
-    return float(np.percentile(np.hypot(*np.diff(planar[:, :2], axis=0).T) / seconds, 90)) if len(planar) > 1 else 0.0
-
-
-def _jumps(stamps: NDArray[np.int64], planar: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether the robot cannot have driven from the pose before to each (n,)."""
-    usual = _usual(stamps, planar)
-    rows = np.arange(len(planar))
-    return np.concatenate([[False], _jump(stamps, planar, rows[:-1], rows[1:], usual)])
-
-
-def _jump(
-    stamps: NDArray[np.int64],
-    planar: NDArray[np.float64],
-    before: int | NDArray[np.int64],
-    after: int | NDArray[np.int64],
-    usual: float,
-) -> NDArray[np.bool_]:
-    seconds = np.maximum((stamps[after] - stamps[before]) / 1e9, SHORTEST)
-    step = planar[after] - planar[before]
-    far, turned = np.hypot(step[..., 0], step[..., 1]), np.abs(wrap_angle(step[..., 2]))
-    leaps = (far > LEAP) & (far > max(FASTEST, TIMES_USUAL * usual) * seconds)
-    spins = (turned > TURN) & (turned > TURNING * seconds)
-    home = (np.abs(planar[after]).max(axis=-1) < ZERO) & (far > LEAP) & (far > max(1.0, FASTEST * usual) * seconds)
-    return np.asarray(leaps | spins | home)
-
-
 def odometry_at(
     stamps: NDArray[np.int64], sequences: NDArray[np.int64], odometry: PoseColumns
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Poses (n, 3) at the scans' stamps, and which of the scans lie within the odometry's span."""
+    """Poses (n, 3) at the scans' stamps, and which of the scans lie within the odometry's span.
+
+    Where it leaps, the message before counts until the next one: nobody was half-way there.
+    """
     order = np.argsort(odometry.stamps, kind="stable")
     times, poses, numbers = odometry.stamps[order], odometry.planar[order], odometry.sequences[order]
     left, right = np.searchsorted(times, stamps, "left"), np.searchsorted(times, stamps, "right")
@@ -166,6 +116,7 @@ def odometry_at(
             before[i] = left[i] + same[0]
     step = poses[after] - poses[before]
     step[:, 2] = wrap_angle(step[:, 2])
+    share[leapt(step, (times[after] - times[before]) / 1e9)] = 0.0
     result = poses[before] + share[:, None] * step
     result[~exact, 2] = wrap_angle(result[~exact, 2])
     return result, inside

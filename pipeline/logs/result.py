@@ -33,6 +33,8 @@ from pipeline.logs.writer import definition, pack_grid
 from pipeline.outputs import told
 
 Key = tuple[str, str, str]
+LEVELS = {"found": 0, "off the map": 0, "ambiguous": 1, "lost": 2}
+"""Of diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR."""
 
 
 class ResultFile:
@@ -106,6 +108,13 @@ class ResultFile:
             (schema.POSE_ARRAY, cdr.pack_sequence(stamp, self._map, cloud[:, :7])),
         ):
             self._add(topic, schema.RESULT_TYPES[topic], at, scan, data)
+
+    def diagnose(self, scan: int, verdict: str, values: Mapping[str, str]) -> None:
+        """Adds the verdict on a scan as monitors show it, with ``values`` that say why."""
+        stamp = int(self._log.stamps[scan])
+        at = self._log_times.get(stamp, stamp)
+        data = cdr.pack_diagnostics(stamp, LEVELS[verdict], "mcl: localization", verdict, values)
+        self._add(schema.DIAGNOSTICS, schema.RESULT_TYPES[schema.DIAGNOSTICS], at, scan, data)
 
     def _prepare(self) -> None:
         """What has to be known of the input: its clock, its transforms, its map."""

@@ -24,6 +24,7 @@ What a run found may be written beside what it was found from (``result``), as n
 /amcl_pose       geometry_msgs/PoseWithCovarianceStamped  base_link in ``map``, at every scan's stamp (latched)
 /particle_cloud  nav2_msgs/ParticleCloud                  particles with their weights
 /particlecloud   geometry_msgs/PoseArray                  the same poses, for viewers that know no nav2_msgs
+/diagnostics     diagnostic_msgs/DiagnosticArray          the verdict: OK, WARN if ambiguous, ERROR if lost; and why
 /tf              tf2_msgs/TFMessage                       ``map`` -> ``odom``, beside what else is there
 ===============  =======================================  =====================================================
 
@@ -84,10 +85,12 @@ TYPES: Final = {
 AMCL_POSE: Final = "/amcl_pose"
 PARTICLE_CLOUD: Final = "/particle_cloud"
 POSE_ARRAY: Final = "/particlecloud"
+DIAGNOSTICS: Final = "/diagnostics"
 RESULT_TYPES: Final = {
     AMCL_POSE: "geometry_msgs/msg/PoseWithCovarianceStamped",
     PARTICLE_CLOUD: "nav2_msgs/msg/ParticleCloud",
     POSE_ARRAY: "geometry_msgs/msg/PoseArray",
+    DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
 }
 LASER_ODOMETRY: Final = "/laser_odom"
 RECORDED: Final = "/recorded"  # below it is what the input had under a result's name

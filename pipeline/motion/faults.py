@@ -13,8 +13,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.geometry import compose, wrap_angle
-from pipeline.motion.laser_odometry import FASTEST, SPINNING
+from pipeline.geometry import between, compose, wrap_angle
+from pipeline.logs.leaps import leapt
+from pipeline.logs.odometry import gone_on
 from pipeline.motion.words import in_words
 
 Array = NDArray[np.float64]
@@ -45,8 +46,6 @@ STEADY = 0.97
 SLIP_D, SLIP_A, SLIP_SHARE = 0.3, math.radians(20.0), 0.25
 """m, rad, share of the step: by how much wheels and laser must differ in one step, for the wheels to have slipped. In
 nine buildings the farthest apart were 0.27 m and 16 degrees."""
-LEAP, LEAP_TURN = 0.5, 0.5
-"""m, rad: by how much more than the fastest robot's drive an odometry may be off its last pose, until it has leapt."""
 ODD_D, SPUN_D, KNOWN_D = 0.35, 0.6, 2.0
 """m: by how much they must differ in a CHUNK that teaches nothing of the wheels' metres, and in two that follow each
 other, for the wheels to have slipped; and the drive from which on it is known what the wheels say of a metre. In eight
@@ -90,7 +89,7 @@ class Faults:
         self._mirrored = self._reverses = self._spinning = self._odd = False
         self._apart = 0.0
         self._scale = 1.0
-        self._silent_way = np.zeros(3)
+        self._silent_way, self._held = np.zeros(3), list[Fault]()
         self._told = self._seen = np.zeros(3)
         self._seconds = 0.0
         self._turns, self._ways, self._back, self._aside = np.zeros(4), np.zeros(4), np.zeros(2), np.zeros(3)
@@ -174,19 +173,26 @@ class Faults:
         if was or not self._spinning or self.dead or self.late or self._reverses or self._turned or driven < KNOWN_D:
             return []
         says = f"they say {in_words(told)} in the last of them, the laser {in_words(seen)}"
-        return [Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")]
+        slip = Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")
+        if self._silent_way.any():
+            self._held = [
+                slip
+            ]  # of wheels that stand still it is told when they turn again: until then they may be dead
+            return []
+        return [slip]
 
     def _death(self, step: Step) -> list[Fault]:
         if math.hypot(*step.told[:2]) > STILL_D or abs(step.told[2]) > STILL_A:
+            held, self._held = self._held, []
             self._silent_way, self.dead = np.zeros(3), False
-            return []
+            return held
         if step.seen is None:
             return []
         # Added up as poses: a laser that trembles goes nowhere.
         way = self._silent_way = compose(self._silent_way, step.seen)
         if self.dead or (math.hypot(*way[:2]) < DEAD_D and abs(way[2]) < DEAD_A):
             return []
-        self.dead = True
+        self.dead, self._held = True, []
         text = f"The wheels are dead at {step.time:.1f} s: they stand still, the laser says {in_words(way, 1)}."
         return [Fault("dead", text)]
 
@@ -295,19 +301,24 @@ class _Lag:
         return float(lag), float(LAG_STEP * math.sqrt(2.0 * at / len(steps) / bend))
 
 
-def leapt(told: Array, seconds: float) -> bool:
-    """Whether no robot makes this step (3,) m, m, rad in that time: the odometry has been restarted, or is wrong."""
-    return math.hypot(told[0], told[1]) > FASTEST * seconds + LEAP or abs(told[2]) > SPINNING * seconds + LEAP_TURN
-
-
 def leap(time: float, step: Array, at: Array) -> Fault:
     """The fault of an odometry that has leapt by ``step`` (3,) m, m, rad, to the pose ``at`` (3,) in its own frame."""
     again = math.hypot(*at[:2]) < NEAR_ZERO and abs(at[2]) < NEAR_ZERO
     what = "It was restarted from zero" if again else "It slipped, or is wrong there"
     text = (
-        f"The odometry leapt at {time:.1f} s: {in_words(step, 1)}, which no robot does. {what}. This step is left out."
+        f"The odometry leapt at {time:.1f} s: {in_words(step, 1)}, which no robot does. {what}. This step is left out, "
+        "and it goes on from where it stood."
     )
     return Fault("restarted" if again else "slipped", text)
+
+
+def without_leaps(times: Array, odometry: Array) -> Array:
+    """Odometry (n, 3) at ``times`` (n,) s that goes on from where it stood at every leap; the same array without any.
+
+    For those who ask the wheels alone: a filter's ``Witnesses`` leave the same steps out one by one.
+    """
+    leaps = np.flatnonzero(leapt(between(odometry[:-1], odometry[1:]), np.diff(times))) + 1
+    return gone_on(odometry, leaps.tolist()) if len(leaps) else odometry
 
 
 def _products(told: float, seen: float) -> Array:

@@ -64,7 +64,9 @@ class Gaps:
             return Gap("missing", seconds, told, bridged=not parted and not now.wide and now.fit >= GOOD)
         if usual is None or told is None:
             return None
-        if (parted and not now.blind) or (now.wide and now.fit < GOOD and not _agree(between(before.pose, now.pose), told)):
+        if (parted and not now.blind) or (
+            now.wide and now.fit < GOOD and not _agree(between(before.pose, now.pose), told)
+        ):
             return Gap("unmatched" if usual < MOMENT else "sparse", seconds, told)
         return None
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.geometry import between, compose
 from pipeline.kernels import matching
 from pipeline.kernels.surfaces import surfaces
+from pipeline.logs.leaps import FASTEST, SPINNING
 from pipeline.logs.messages import Laser
 
 Array = NDArray[np.float64]
@@ -50,8 +51,6 @@ PRICE, CLEARLY = 1.5, 0.25
 some points, and of a wide window's many places one always fits by chance."""
 ELSEWHERE_D, ELSEWHERE_A = 0.03, 0.03
 """m, rad: two matches closer than this are one."""
-FASTEST, SPINNING = 5.0, 6.0
-"""m/s, rad/s: no robot drives or turns faster."""
 USUAL = 0.02
 """Share of a new interval in the usual one: stamps that are written in a burst are closer than the scans were."""
 SIGMA = 0.02

@@ -11,16 +11,15 @@ from pipeline.motion.prior import Component, Prior
 
 
 class Mover:
-    """Moves particles by a motion prior; ``slip``: share of the drives with far wider noise, while wheels may slip."""
+    """Moves particles by a motion prior."""
 
-    def __init__(self, slip: float = 0.0) -> None:
-        self._quantiles, self._slipping = normal_quantiles(), normal_quantiles(slip)
+    def __init__(self) -> None:
+        self._quantiles = normal_quantiles()
 
-    def move(self, poses: NDArray[np.float32], prior: Prior, key: np.uint64, slipping: bool = False) -> None:
+    def move(self, poses: NDArray[np.float32], prior: Prior, key: np.uint64) -> None:
         """Poses (3, n) float32 of the grid frame make the move, in place, with noise from the stream ``key``."""
-        drives = self._slipping if slipping else self._quantiles
         ways = np.array([_way(component) for component in prior.components], np.float32)
-        motion.move(30 * poses.shape[1], *poses, ways, way_of(prior), key, self._quantiles, drives)
+        motion.move(30 * poses.shape[1], *poses, ways, way_of(prior), key, self._quantiles)
 
     def followed(self, weights: NDArray[np.float64], prior: Prior, key: np.uint64) -> NDArray[np.float64]:
         """(components,): how much of the weights (n,), given after the move, is of particles that followed each."""

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.geometry import between, compose
+from pipeline.logs.leaps import leapt
 from pipeline.logs.messages import Laser, Scan
 from pipeline.motion.deskew import Deskewer
-from pipeline.motion.faults import Fault, Faults, Step, leap, leapt
+from pipeline.motion.faults import Fault, Faults, Step, leap
 from pipeline.motion.gaps import MOMENT, Gap, Gaps
 from pipeline.motion.laser_odometry import LaserOdometry, Match
 
@@ -76,17 +77,18 @@ class Witnesses:
     def update(self, scan: Scan) -> Motion:
         """What is known once this scan is in."""
         last = self._last
-        if self._laser is None:
-            self._last = Motion(scan.time, scan.odometry, None, scan.turn, scan.odometry, scan.ranges)
-            return self._last
         seconds = scan.time - last.time if last is not None else 0.0
-        faults, recorded, told = list[Fault](), None, None
+        faults, recorded = list[Fault](), None
         if self._wheels and last is not None:
             recorded = between(self._recorded, scan.odometry)
-            if leapt(recorded, seconds) and "faults" not in self._without:
+            if "faults" not in self._without and leapt(recorded, seconds):
                 faults, recorded = [leap(scan.time, recorded, scan.odometry)], None
-            elif not self._faults.dead:
-                told = self._faults.mended(recorded)
+        if self._laser is None:
+            odometry = self._odometry(scan, recorded, recorded)
+            assert odometry is not None
+            self._last = Motion(scan.time, odometry, None, scan.turn, odometry, scan.ranges, faults=tuple(faults))
+            return self._last
+        told = None if recorded is None or self._faults.dead else self._faults.mended(recorded)
         guesses = self._guesses(last, told, scan.turn, seconds)
         ranges = self._at_the_stamp(scan, guesses[0])
         match = self._laser.update(ranges, guesses, seconds, told is not None)

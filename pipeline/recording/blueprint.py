@@ -68,7 +68,9 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0, motion: rrb.Container | None
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
         ),
         curves("Effective sample size and particles", entities.ESS, entities.PARTICLE_COUNT),
-        curves("Likelihood per beam and share explained", entities.LIKELIHOOD, entities.EXPLAINED),
+        curves("Beams explained; estimate right", entities.EXPLAINED, entities.PROBABILITY, most=1.0),
+        curves("Beams short of what is mapped, and behind it", entities.SHORT, entities.THROUGH, most=1.0),
+        curves("Likelihood per beam, 1/m", entities.LIKELIHOOD),
         curves("Spread of the particles, m", entities.SPREAD),
     ]
     documents = [
@@ -88,14 +90,17 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0, motion: rrb.Container | None
         # The sentences say when: rerun makes a column as wide as its title, which is too narrow for times.
         columns=rrb.TextLogColumns(timeline_columns=[entities.TIME], text_log_columns=["loglevel", "body"]),
     )
+    verdict = rrb.StateTimelineView(origin=entities.VERDICT, name="The estimate is")
     told = [] if motion is None else [motion]
     tabs = rrb.Tabs(*map_views(known_area(grid)), *told, *documents, active_tab=tab)
-    return arranged(tabs, events, rrb.Vertical(*beside, row_shares=[3, 2, 2, 2]))
+    return arranged(tabs, events, rrb.Vertical(*beside, row_shares=[3, 2, 2, 2, 2, 2]), verdict)
 
 
-def arranged(tabs: rrb.Tabs, events: rrb.View, beside: rrb.Vertical) -> rrb.Blueprint:
-    """The window of a recording: tabs with the events below them, curves beside both."""
-    return framed(rrb.Horizontal(rrb.Vertical(tabs, events, row_shares=[5, 1]), beside, column_shares=[5, 2]))
+def arranged(tabs: rrb.Tabs, events: rrb.View, beside: rrb.Vertical, verdict: rrb.View | None = None) -> rrb.Blueprint:
+    """The window of a recording: tabs with the verdict and the events below them, curves beside all."""
+    below = [events] if verdict is None else [verdict, events]
+    main = rrb.Vertical(tabs, *below, row_shares=[15, *([2] * (len(below) - 1)), 3])
+    return framed(rrb.Horizontal(main, beside, column_shares=[5, 2]))
 
 
 def framed(content: rrb.Container) -> rrb.Blueprint:

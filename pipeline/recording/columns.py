@@ -15,6 +15,7 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.filter.step import Estimate, Step
+from pipeline.judgement.verdict import KINDS
 from pipeline.recording import entities, palette
 
 Columns = tuple[str, list[Any], list[Any]]  # entity, timelines, components: the arguments of send_columns
@@ -24,6 +25,7 @@ IsHit = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
 DISPLAY_STEP = 1 / 256  # metres: below a pixel on any screen, and a third of the bytes
 HEADING_LENGTH = 0.3  # metres
 LABEL_OFFSET = np.array([0.0, -0.6])  # metres: beside what it belongs to, not on it
+NAMED = 0.05  # share from which on a hypothesis is worth its name
 STUB_LENGTH = 1.5  # metres: a beam without return has no length of its own
 _DEGREES = np.deg2rad(np.arange(360))
 _HEADINGS = np.zeros((360, 3), np.float32)
@@ -97,6 +99,9 @@ _CURVES: dict[str, Callable[[Frame], float]] = {
     entities.LIKELIHOOD: lambda f: f.step.mean_likelihood,
     entities.EXPLAINED: lambda f: f.step.explained,
     entities.SPREAD: lambda f: f.step.spread,
+    entities.SHORT: lambda f: f.step.short,
+    entities.THROUGH: lambda f: f.step.through,
+    entities.PROBABILITY: lambda f: f.step.verdict.probability,
 }
 
 
@@ -108,6 +113,8 @@ def _record(steps: Sequence[Step]) -> list[Any]:
     return [
         *column("stamp", np.array([s.stamp for s in steps], dtype=np.int64)),
         *column("pose", np.stack([np.asarray(s.estimate.pose, dtype=np.float64) for s in steps])),
+        *column("probability", np.array([s.verdict.probability for s in steps])),
+        *column("verdict", np.array([KINDS.index(s.verdict.kind) for s in steps], dtype=np.int64)),
         *column("covariance", np.stack([np.asarray(s.estimate.covariance, dtype=np.float64) for s in steps])),
     ]
 
@@ -164,7 +171,7 @@ def _beams(steps: Sequence[Step], is_hit: IsHit) -> list[tuple[str, list[Any]]]:
 def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     # A single hypothesis is the estimate itself, which has its ellipse already.
     clusters = [s.clusters if len(s.clusters) > 1 else () for s in steps]
-    labels = [f"{100 * c.weight:.0f} %" for row in clusters for c in row]
+    labels = [_label(c) for row in clusters for c in row]
     lengths = [len(row) for row in clusters]
     places = np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2) + LABEL_OFFSET
     return [
@@ -174,10 +181,41 @@ def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     ]
 
 
+def _label(hypothesis: Estimate) -> str:
+    share = f"{100 * hypothesis.weight:.0f} %"
+    return f"{share}, {hypothesis.name}" if hypothesis.name and hypothesis.weight >= NAMED else share
+
+
 def _path(frames: Sequence[Frame]) -> list[Any]:
     joined = [f for f in frames if f.joined]
     strips = np.array([(f.previous[:2], f.step.estimate.pose[:2]) for f in joined]).reshape(-1, 2, 2)
     return list(rr.LineStrips3D.columns(strips=lift(strips, 0.03)).partition([int(f.joined) for f in frames]))
+
+
+def verdicts(steps: Sequence[Step], before: str) -> list[Columns]:
+    """A state wherever the verdict is another than at the step before, which had the verdict ``before``."""
+    rows = []
+    for step in steps:
+        if step.verdict.kind != before:
+            rows.append(step)
+            before = step.verdict.kind
+    if not rows:
+        return []
+    index = timelines([s.index for s in rows], [s.time for s in rows])
+    return [(entities.VERDICT, index, list(rr.StateChange.columns(state=[s.verdict.kind for s in rows])))]
+
+
+def changes(steps: Sequence[Step]) -> list[Columns]:
+    """The cells in which the world is not as mapped, wherever more is known of them."""
+    rows = [(s, s.changed) for s in steps if s.changed is not None]
+    if not rows:
+        return []
+    index = timelines([s.index for s, _ in rows], [s.time for s, _ in rows])
+    flat = np.concatenate([changed for _, changed in rows])
+    points = rr.Points3D.columns(
+        positions=lift(flat[:, :2], 0.012), colors=palette.CHANGED_COLOURS[flat[:, 2].astype(np.int64)]
+    )
+    return [(entities.CHANGED, index, list(points.partition([len(changed) for _, changed in rows])))]
 
 
 def _events(steps: Sequence[Step]) -> list[Columns]:

@@ -25,15 +25,23 @@ The robot moves, the particles move with it; the laser measures, and what does n
 | black lines | beams that went on behind the map's wall: an open door; or the estimate is wrong |
 | yellow dots | where the map ends the beams |
 | grey stubs | beams without return |
-| pink ellipses with a share | other hypotheses, with their part of the weight |
+| pink ellipses with a share | other hypotheses, with their part of the weight; after a gap, what became of the robot |
 | a carpet of such dots | for a second, what a search of the building found: the best pose in each cell |
+| vermilion, light blue and light green squares | where the world is not as mapped: a wall that the map lacks, one \
+that is gone, floor of which the map knows nothing; shown once the scans that say so have proved right |
 | light blue line | the path as known at the end of the log |
 | green ring, arrow and line | the truth, where the log knows it |
 
 Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the
 weight; 0 is the mean weight, 1 ten times that, the ends of the axis take what lies beyond); the effective sample size
 and the number of particles; how well the beams fit; how far the particles spread about the estimate. Below the map:
-what happened. Click an event or a curve to go there.
+whether the estimate can be trusted, and what happened. Click an event or a curve to go there.
+
+The line below the map says what can be trusted. *Found*: the estimate is right with a probability of 90 % or more.
+*Ambiguous*: a few places are in question, whose shares stand beside them. *Off the map*: the robot drives where the map
+knows nothing, and its place follows from how it came there. *Lost*: anything else. Two curves tell why: beams that
+end before what is mapped are stopped by something, people or new furniture; beams that end far behind a mapped wall,
+several side by side, say that the wall is gone, or that the robot is elsewhere.
 
 {sampling}
 """

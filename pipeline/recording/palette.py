@@ -49,6 +49,18 @@ WEIGHT_COLOURS: NDArray[np.uint8] = np.array(
 )  # fmt: skip
 
 
+VERDICTS: dict[str, Colour] = {
+    "found": (0, 158, 115),
+    "ambiguous": (240, 200, 60),
+    "off the map": (86, 180, 233),
+    "lost": (213, 94, 0),
+}
+
+CHANGED_COLOURS: NDArray[np.uint8] = np.array(
+    [(0, 0, 0), (213, 94, 0), (86, 180, 233), (190, 235, 190)], dtype=np.uint8
+)
+"""Of cells that are as mapped (not drawn), of a wall that the map lacks, of one that is gone, of floor it lacks."""
+
 HEAT_RANGE = 5.0
 """Nats behind the best cell at which the colours of a search end."""
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from pipeline.config import load_config
 from pipeline.geometry import compose
 from pipeline.logs.messages import Log
+from pipeline.motion.faults import without_leaps
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import ASPECT, Area, framed, known_area, looking_down, map_views, so_far
 from pipeline.recording.columns import lift, segments, timelines, transforms
@@ -46,7 +47,7 @@ def _fill(sink: Any, log: Log) -> None:
         everything = np.arange(len(log))
         unbroken = np.ones(len(log), np.bool_)
         path = PATH if log.wheels else None
-        _drive(stream, log, everything, log.odometry, unbroken, (ROBOT, path), palette.WHEELS)
+        _drive(stream, log, everything, without_leaps(log.times, log.odometry), unbroken, (ROBOT, path), palette.WHEELS)
         _see(stream, log, everything, ROBOT)
         if log.wheels:
             poses, joined = _by_laser(log)
@@ -108,7 +109,8 @@ def _see(stream: rr.RecordingStream, log: Log, scans: NDArray[np.int64], moving:
 
 
 def _layout(log: Log) -> rrb.Blueprint:
-    low, high = log.odometry[:, :2].min(axis=0) - MARGIN, log.odometry[:, :2].max(axis=0) + MARGIN
+    places = without_leaps(log.times, log.odometry)[:, :2]
+    low, high = places.min(axis=0) - MARGIN, places.max(axis=0) + MARGIN
     area = Area(
         (float((low[0] + high[0]) / 2), float((low[1] + high[1]) / 2)),
         (float(high[0] - low[0]), float(high[1] - low[1])),

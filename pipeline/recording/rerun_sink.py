@@ -22,10 +22,21 @@ from pipeline.filter.step import Step
 from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.motion.faults import without_leaps
 from pipeline.outputs import told
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
-from pipeline.recording.columns import Columns, Frame, IsHit, batch_columns, segments, timelines, transforms
+from pipeline.recording.columns import (
+    Columns,
+    Frame,
+    IsHit,
+    batch_columns,
+    changes,
+    segments,
+    timelines,
+    transforms,
+    verdicts,
+)
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.sampling import draw, weight_bars
 from pipeline.recording.styles import drawn_map, styles
@@ -74,10 +85,12 @@ class RerunSink:
             probe.write(bytes(ROOM))
             probe.flush()
         self._log, self._config, self._seed = log, config, seed
+        self._odometry = without_leaps(log.times, log.odometry)
         self._frames: list[Frame] = []
         self._outbox: list[Columns] = []
         self._previous: tuple[Step, NDArray[np.float64]] | None = None
         self._heated: float | None = None
+        self._verdict = ""
         # Who hears the wheels alone has nothing to compare them with.
         self._wheels = log.wheels and config.odometry != "laser"
         self._laser = config.odometry != "wheels" or not log.wheels
@@ -192,6 +205,9 @@ class RerunSink:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.
         if self._frames:
             self._outbox += batch_columns(self._frames, self._is_hit)
+            steps = [frame.step for frame in self._frames]
+            self._outbox += [*verdicts(steps, self._verdict), *changes(steps)]
+            self._verdict = steps[-1].verdict.kind
             if self._heard:
                 silent = [f.silent_since for f in self._frames if f.silent_since is not None]
                 self._outbox += witness_columns(self._heard, shown=self._contradicted, silent=silent)
@@ -205,7 +221,7 @@ class RerunSink:
         if self._previous is None:
             return False
         before, pose = self._previous
-        odometry = between(self._log.odometry[before.index], self._log.odometry[step.index])
+        odometry = between(self._odometry[before.index], self._odometry[step.index])
         travelled, jumped = np.hypot(*odometry[:2]), np.hypot(*(step.estimate.pose[:2] - pose[:2]))
         return bool(jumped <= travelled + JUMP)
 
@@ -244,6 +260,7 @@ class RerunSink:
     def _log_map(self, grid: OccupancyGrid) -> None:
         self._static(entities.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self._static(entities.MAP, drawn_map(grid))
+        self._static(entities.CHANGED, rr.Points3D.from_fields(radii=np.float32(0.5 * grid.resolution)))
         area = known_area(grid)
         self._static(
             entities.CAMERA,

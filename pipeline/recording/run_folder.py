@@ -15,6 +15,7 @@ from pipeline.config import Config, dump_config
 from pipeline.errors import MclError
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import write_tum
+from pipeline.world.seen import MEMORY
 
 RECORDINGS = Path("recordings")
 RECORDING, TRAJECTORY, CONFIG, RUN = "run.rrd", "trajectory.tum", "config.yaml", "run.json"
@@ -45,6 +46,11 @@ class RunFolder:
     def run(self) -> Path:
         """What ran and what came out, JSON."""
         return self.path / RUN
+
+    @property
+    def memory(self) -> Path:
+        """What the scans have shown of the world, for later runs and for a renewed map."""
+        return self.path / MEMORY
 
     def write_config(self, config: Config, heading: Sequence[str] = ()) -> None:
         """Saves the effective configuration, below lines of comment; ``load_config`` reads it back."""

@@ -41,6 +41,12 @@ def styles() -> dict[str, list[Any]]:
         entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.HIT)],
         entities.EXPLAINED: [_curve("share of beams explained", palette.CURVE)],
         entities.SPREAD: [_curve("spread, m", palette.ESTIMATE)],
+        entities.VERDICT: [
+            rr.StateConfiguration(values=list(palette.VERDICTS), colors=[(*c, 255) for c in palette.VERDICTS.values()])
+        ],
+        entities.PROBABILITY: [_curve("probability that the estimate is right", palette.ESTIMATE)],
+        entities.SHORT: [_curve("share of beams that end before what is mapped", palette.SHORT)],
+        entities.THROUGH: [_curve("share that ends far behind it, side by side", palette.LONG)],
     }
 
 

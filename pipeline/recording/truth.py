@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.logs.messages import Log
+from pipeline.motion.faults import without_leaps
 
 JUMP = 0.5  # metres beyond what the odometry moved: the path is not drawn across
 FASTEST = 3.0  # m/s that a robot without odometry may drive
@@ -26,7 +27,7 @@ def truth_at_scans(log: Log) -> Truth | None:
     x, y, yaw = (np.interp(wanted, known, c) for c in (*truth.poses[:, :2].T, np.unwrap(truth.poses[:, 2])))
     poses = np.stack([x, y, yaw], axis=-1)
     # Where somebody carried the robot, the truth leaps and the odometry does not.
-    travelled = np.hypot(*np.diff(log.odometry[inside, :2], axis=0, prepend=np.nan).T)
+    travelled = np.hypot(*np.diff(without_leaps(log.times, log.odometry)[inside, :2], axis=0, prepend=np.nan).T)
     if not log.wheels:
         travelled = FASTEST * np.diff(wanted, prepend=np.nan)
     leapt = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=np.nan).T)

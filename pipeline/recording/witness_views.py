@@ -7,6 +7,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from pipeline.logs.messages import Log
+from pipeline.motion.faults import without_leaps
 from pipeline.recording import entities, palette
 from pipeline.recording.blueprint import FIELD_OF_VIEW, Area, curves, known_area, looking_down, so_far
 from pipeline.recording.rrd_file import RrdFile
@@ -20,7 +21,7 @@ CLOSE = 4.5  # metres that are seen to either side of the robot
 def ground(log: Log) -> Area:
     """Where the paths lie in the odometry's frame, as far as it is known before the run."""
     if log.wheels:
-        return around(log.odometry[:, :2])
+        return around(without_leaps(log.times, log.odometry)[:, :2])
     assert log.grid is not None
     width, height = known_area(log.grid).size
     return Area((0.0, 0.0), (2.0 * width, 2.0 * height))

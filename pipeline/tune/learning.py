@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.world.expected_ranges import select_beams
 from pipeline.filter.range_bias import RangeBias
 from pipeline.localization import localize
 from pipeline.logs.messages import Log, Scan
 from pipeline.maps.walls import wall_half_thickness
+from pipeline.motion.faults import without_leaps
 from pipeline.tune.drift import DRIFTS, DriftFit, drift_windows, fit_drift
 from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model
 from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
 from pipeline.tune.scans import evidence, readings, trusted, updates
 from pipeline.tune.temper import independent_beams, window_likelihoods
 from pipeline.tune.way import Listener, Way
+from pipeline.world.expected_ranges import select_beams
 
 PARAMETERS = (*LEARNED, "occupied_threshold", "independent_beams", *ALPHAS, *DRIFTS)
 THRESHOLDS = (0.35, 0.6, 0.8, 0.9, 0.97)
@@ -175,7 +176,8 @@ def _find(log: Log, config: Config, seed: int, progress: Progress | None) -> Fou
     every = updates(way.poses, config)
     scans = trusted(log, result, every)
     assert result.hindsight is not None
-    return Found(replace(log, ranges=way.ranges), way, result.hindsight, every, scans)
+    heard = replace(log, odometry=without_leaps(log.times, log.odometry), ranges=way.ranges)
+    return Found(heard, way, result.hindsight, every, scans)
 
 
 def _learn(found: Sequence[Found], config: Config) -> _Learned:

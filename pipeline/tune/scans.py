@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.world.expected_ranges import select_beams
 from pipeline.geometry import between, compose
 from pipeline.kernels import raycast
 from pipeline.localization import RunResult
 from pipeline.logs.messages import Log
 from pipeline.maps.range_table import opaque_cells, range_codes
 from pipeline.tune.em import Array, Readings
+from pipeline.world.expected_ranges import select_beams
 
 CONVERGED_SPREAD = 0.5
 """m: the particles lay so close together ..."""

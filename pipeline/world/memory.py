@@ -1,8 +1,8 @@
 """What the log has shown of the world so far, where that is not what the map says.
 
-A scan is remembered in the frame of the laser's odometry, and says something of the world only once the place from which
-it was taken has proved right, and the robot has gone on from there: a belief must not confirm itself by what it has just
-written. When a verdict moves the belief, what was written from where it had been moves with it.
+A scan is remembered in the frame of the laser's odometry, and says something of the world only once the place from
+which it was taken has proved right, and the robot has gone on from there: a belief must not confirm itself by what it
+has just written. When another place takes the belief's, what was written from there moves with it.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.geometry import between, compose, inverse, wrap_angle
 from pipeline.logs.messages import Laser
+from pipeline.world.seen import Seen
 from pipeline.world.world import World
 
 Array = NDArray[np.float64]
@@ -34,8 +35,8 @@ PAUSE = 5.0
 @dataclass(frozen=True)
 class KeyScan:
     """A scan that is remembered: ``ranges`` (beams,) m, taken at ``time`` s from ``way`` (3,), the robot's pose by the
-    laser's odometry, in its ``stretch``, counted by gaps and by breaks of the laser's odometry; ``believed`` (3,): where the belief had it, grid frame, None if that was
-    found to be wrong."""
+    laser's odometry, in its ``stretch``, counted by gaps and by breaks of that odometry; ``believed`` (3,): where the
+    belief had it, grid frame, None if that was found to be wrong."""
 
     time: float
     stretch: tuple[int, int]
@@ -47,8 +48,10 @@ class KeyScan:
 class Memory:
     """Keeps key scans, and lets those speak for the ``world`` whose places have proved right."""
 
-    def __init__(self, world: World, laser: Laser) -> None:
+    def __init__(self, world: World, laser: Laser, before: Seen | None = None) -> None:
         self._world, self._laser = world, laser
+        if before is not None:
+            world.begin_with(before)
         self._pending: list[KeyScan] = []
         self._written: list[tuple[KeyScan, Array]] = []
         self._settled = math.inf
@@ -56,6 +59,11 @@ class Memory:
         self._renewed = 0.0
         self._unspoken = False
         self._time = 0.0
+
+    @property
+    def seen(self) -> Seen:
+        """What has been shown of the world so far."""
+        return self._world.seen
 
     @property
     def scans(self) -> int:
@@ -88,7 +96,7 @@ class Memory:
             self._renew()
 
     def moved(self) -> None:
-        """A verdict has moved the belief: what was written on this stretch waits until its new place has proved right."""
+        """The belief is elsewhere now: what was written on this stretch waits until its new place has proved right."""
         self._settled = math.inf
         if not self._pending:
             return

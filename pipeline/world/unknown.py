@@ -17,7 +17,8 @@ from pipeline.kernels import world
 from pipeline.world.agnostic import Agnostic
 from pipeline.world.expected_ranges import ExpectedRanges
 from pipeline.world.rays import Rays
-from pipeline.world.world import UNKNOWN, WALL, World
+from pipeline.world.seen import UNKNOWN, WALL
+from pipeline.world.world import World
 
 PRICE = 3.0
 """Nats for driving from known floor into unknown land."""
@@ -36,7 +37,7 @@ class OffMap:
 
 
 class Unknown:
-    """Scores poses that stand on land unknown to the map. ``agnostic``: what the log's readings are worth on average."""
+    """Scores poses on land that the map does not know. ``agnostic``: what the log's readings are worth on average."""
 
     def __init__(self, known: World, expected: ExpectedRanges, agnostic: Agnostic) -> None:
         self._world, self._expected, self._agnostic = known, expected, agnostic
@@ -52,9 +53,9 @@ class Unknown:
         which, cells, turns = self._off(poses)
         return OffMap(which, cells, turns) if len(which) else None
 
-    def entered(self, off: OffMap, before: NDArray[np.float32], poses: NDArray[np.float32]) -> tuple[
-        NDArray[np.bool_], NDArray[np.bool_]
-    ]:
+    def entered(
+        self, off: OffMap, before: NDArray[np.float32], poses: NDArray[np.float32]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Of the poses that are off the map: whether each was not, ``before`` (3, n), and if it came through a wall."""
         came = np.ascontiguousarray(before[:, off.which])
         already = np.zeros(len(off.which), np.bool_)

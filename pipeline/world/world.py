@@ -3,36 +3,32 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import MclError
 from pipeline.kernels import world
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import RangeCodes
 from pipeline.world.rays import Rays
+from pipeline.world.seen import UNKNOWN, WALL, Seen
 
-FREE, WALL, UNKNOWN = 0, 1, 2
 MARGIN = 20.0
 """m: so far around the map land is thought of, as unknown; beyond it nothing that is known can be seen."""
 CLEAR = 8.0
 """m: farther away, beams a degree apart pass by the ends of thin walls; what they pass is not counted, nor what they
 hit."""
-SEEN_HITS, SEEN_WALL = 2.0, 0.4
-"""Scans that must have ended in a cell, and their least share among all that came to it, so that it is a wall."""
-SEEN_PASSES, SEEN_FREE = 3.0, 0.1
-"""Scans that must have passed a cell, and the most of them that may have ended there, so that it is free."""
 MOST = 20.0
 """Scans that are remembered of a cell: a door that was open is shut once some ten scans have seen it so."""
-SAME = 0.3
-"""m: a wall that is so close to a mapped one is that: maps are drawn no better, nor is the place known better."""
 
 
 class World:
     """Rasters of FREE, WALL and UNKNOWN cells, the map's with MARGIN around it (``margin``, in cells).
 
     ``mapped`` (height, width) uint8: as the map has it; ``kinds``: with what the log has shown. What scans say is
-    counted by ``look``; it speaks from the next ``renew`` on.
+    counted by ``look``; it speaks from the next ``renew`` on. ``version`` counts how often it changed.
     """
 
     def __init__(self, grid: OccupancyGrid, threshold: float, scale: RangeCodes, width: int) -> None:
@@ -41,38 +37,53 @@ class World:
         mapped = np.where(grid.known, grid.occupied(threshold), UNKNOWN).astype(np.uint8)
         self.mapped = np.pad(np.ascontiguousarray(mapped), self.margin, constant_values=UNKNOWN)
         self.kinds = self.mapped
-        self.changed = False
+        self.version = 0
         self._scans = 0
+        self._before: Seen | None = None
         self.forget()
         self._cast()
 
+    @property
+    def seen(self) -> Seen:
+        """What the scans have shown so far."""
+        shape, grid = self.mapped.shape, self._grid
+        hits, passes = self._hits.reshape(shape), self._passes.reshape(shape)
+        return Seen(self.mapped, hits, passes, self.margin, grid.resolution, grid.origin, grid.sha256)
+
+    def begin_with(self, before: Seen) -> None:
+        """Count on from what earlier runs have shown. Raises MclError if they had another map."""
+        if before.map_sha256 != self._grid.sha256 or before.mapped.shape != self.mapped.shape:
+            raise MclError("the memory is of a run on another map", "give a run on this one")
+        total = before.hits + before.passes
+        share = np.minimum(1.0, MOST / np.maximum(total, 1.0)).astype(np.float32)
+        self._before = replace(before, hits=before.hits * share, passes=before.passes * share)
+        self.forget()
+        self.renew()
+
     def forget(self) -> None:
-        """Count anew."""
-        self._passes, self._hits = np.zeros(self.mapped.size, np.float32), np.zeros(self.mapped.size, np.float32)
-        self._passed_at, self._hit_at = np.zeros(self.mapped.size, np.int32), np.zeros(self.mapped.size, np.int32)
+        """Count anew, from what earlier runs have shown."""
+        n, before = self.mapped.size, self._before
+        self._hits = np.zeros(n, np.float32) if before is None else before.hits.reshape(-1).copy()
+        self._passes = np.zeros(n, np.float32) if before is None else before.passes.reshape(-1).copy()
+        self._passed_at, self._hit_at = np.zeros(n, np.int32), np.zeros(n, np.int32)
 
     def look(self, laser: NDArray[np.float64], angles: NDArray[np.float64], ranges: NDArray[np.float32]) -> None:
-        """Count what a scan saw from a pose (3,) of the laser, grid frame: ``angles`` (k,) rad, ``ranges`` (k,) m, inf
-        where nothing came back, NaN where nothing is known."""
+        """Count what a scan saw from a pose (3,) of the laser, grid frame: ``angles`` (k,) rad, ``ranges`` (k,) m, NaN
+        where nothing is known."""
         self._scans += 1
         cell = self._grid.resolution
-        height, width = self.mapped.shape
         world.look(
-            laser[0] / cell, laser[1] / cell, laser[2], angles, ranges / np.float32(cell), CLEAR / cell, width,
-            self.margin, self._scans, self._passed_at, self._hit_at, self._passes, self._hits, np.float32(MOST),
+            laser[0] / cell, laser[1] / cell, laser[2], angles, ranges / np.float32(cell), CLEAR / cell,
+            self.mapped.shape[1], self.margin, self._scans, self._passed_at, self._hit_at, self._passes, self._hits,
+            np.float32(MOST),
         )  # fmt: skip
 
     def renew(self) -> None:
         """Let what was counted speak."""
-        total = self._hits + self._passes
-        wall = (self._hits >= SEEN_HITS) & (self._hits > SEEN_WALL * total)
-        free = (self._passes >= SEEN_PASSES) & (self._hits < SEEN_FREE * total)
-        wall, free = wall.reshape(self.mapped.shape), free.reshape(self.mapped.shape)
-        kinds = self.mapped.copy()
-        kinds[free] = FREE
-        kinds[wall] = WALL
+        kinds = self.seen.kinds
         if not np.array_equal(kinds, self.kinds):
-            self.kinds, self.changed = kinds, True
+            self.kinds = kinds
+            self.version += 1
             self._cast()
 
     def _cast(self) -> None:

@@ -80,6 +80,8 @@ def stub(log: Log, config: Config, *, seed: int, threads: int):
         explained=nothing,
         spread=nothing,
         weights=np.linspace(0.0, 1.0, SCANS),
+        probability=np.linspace(0.0, 1.0, SCANS),
+        covariances=np.tile(np.diag([0.01, 0.01, 0.001]), (SCANS, 1, 1)),
         converged_at=None,
     )
 

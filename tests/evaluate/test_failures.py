@@ -57,6 +57,8 @@ def follows_the_wheels(log: Log, config: Config, *, seed: int, threads: int):
         poses=log.odometry,
         hindsight=None,
         weights=np.ones(len(log)),
+        probability=np.ones(len(log)),
+        covariances=np.tile(np.eye(3), (len(log), 1, 1)),
         events=(),
         seconds={"filter": 0.1},
         seed=seed,
@@ -240,8 +242,10 @@ def test_who_knows_the_truth_is_never_lost() -> None:
 
     def knows(given: Log, config: Config, *, seed: int, threads: int):
         _, rows = disturbed(log, draw_failures(log.times, log.odometry, 0.05, seed))
-        poses, weights = log.odometry[rows], np.ones(len(rows))
-        return SimpleNamespace(stamps=given.stamps, poses=poses, hindsight=None, weights=weights, events=(), seconds={})
+        return SimpleNamespace(
+            stamps=given.stamps, poses=log.odometry[rows], hindsight=None, weights=np.ones(len(rows)),
+            probability=np.ones(len(rows)), covariances=np.tile(np.eye(3), (len(rows), 1, 1)), events=(), seconds={},
+        )  # fmt: skip
 
     done = evaluate([log], [None], Config(), runs=12, jobs=1, failures=0.05, runner=knows)
     assert {row[3] for row in fault_table(done)} == {"100.0%"}

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.config import Config
 from pipeline.filter.belief import Belief
-from pipeline.filter.recovery import BEATEN, MARGIN, OPEN, Recovery, Verdict
+from pipeline.filter.recovery import BEATEN, MARGIN, OPEN, Recovery, Takeover
 from pipeline.filter.sensor import Sensor
 from pipeline.logs.messages import Log
 
@@ -29,7 +29,7 @@ class Contest:
             self.recovery.rivals.adopt(*_crowd(place), time=0.0, scan=0, margin=margin)
         self.recovery._evidence.admit(2)
 
-    def decide(self, *leads: float) -> Verdict | None:
+    def decide(self, *leads: float) -> Takeover | None:
         """With so many nats by which each rival is ahead of the belief."""
         self.recovery._evidence._leads = np.array([0.0, *leads])
         return self.recovery._decide(self.belief, SimpleNamespace(time=1.0, index=3))

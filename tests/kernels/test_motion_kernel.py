@@ -20,7 +20,7 @@ QUANTILES = normal_quantiles()
 def moved(poses, motion, std, key, *, work: int = 0) -> np.ndarray:
     x, y, theta = np.ascontiguousarray(np.asarray(poses, np.float32).T)
     way = by_wheels(motion, std)
-    move(work, x, y, theta, np.array([way], np.float32), np.zeros(SHARES, np.int32), key, QUANTILES, QUANTILES)
+    move(work, x, y, theta, np.array([way], np.float32), np.zeros(SHARES, np.int32), key, QUANTILES)
     return np.column_stack([x, y, theta])
 
 
@@ -96,9 +96,9 @@ def by_gauss(mean, covariance) -> tuple[float, ...]:
     return (0.0, 0.0, mean[0], a[0], 0.0, mean[1], b[0], b[1], mean[2], *c)
 
 
-def moved_by(poses, ways, which, key, *, work: int = 0, drives=QUANTILES) -> np.ndarray:
+def moved_by(poses, ways, which, key, *, work: int = 0) -> np.ndarray:
     x, y, theta = np.ascontiguousarray(np.asarray(poses, np.float32).T)
-    move(work, x, y, theta, np.array(ways, np.float32), np.asarray(which, np.int32), key, QUANTILES, drives)
+    move(work, x, y, theta, np.array(ways, np.float32), np.asarray(which, np.int32), key, QUANTILES)
     return np.column_stack([x, y, theta])
 
 
@@ -164,17 +164,6 @@ def test_a_way_is_followed_alike_whatever_the_others_are() -> None:
     follows = np.array([reference.random_bits(int(key), i) >> 56 & 1 for i in range(3000)], bool)
     np.testing.assert_array_equal(alone[follows], mixed[follows])
     assert (alone[~follows] != mixed[~follows]).any(axis=1).all()
-
-
-def test_only_the_drive_along_slips() -> None:
-    """Wider noise for drives is that of wheels: a laser's Gaussian, whose second normal goes across, has none of it."""
-    rng = np.random.default_rng(5)
-    poses, key, slipping = random_poses(rng, 2000), stream_key(4, 1, 1), normal_quantiles(0.3)
-    laser, wheels = by_gauss(*random_step(rng)), by_wheels((0.0, 0.5, 0.0), (0.05, 0.1, 0.05))
-    for way, slips in ((laser, False), (wheels, True)):
-        plain, slipped = (moved_by(poses, [way], shared_out(256), key, drives=d) for d in (QUANTILES, slipping))
-        assert np.array_equal(plain, slipped) != slips
-        np.testing.assert_array_equal(plain[:, 2], slipped[:, 2])
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 300), st.integers(0, SHARES))

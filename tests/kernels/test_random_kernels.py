@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from pipeline.kernels.random import SLIP, normal_quantiles, stream_key, uniforms
+from pipeline.kernels.random import normal_quantiles, stream_key, uniforms
 
 
 @given(st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**31), st.integers(0, 9))
@@ -85,11 +84,3 @@ def test_normal_quantiles_have_the_moments_of_a_normal() -> None:
     assert np.mean(q**4) == pytest.approx(3.0, abs=5e-3)
     assert 4.2 < q[-1] < 4.4
     assert q[int(0.975 * 65536)] == pytest.approx(1.95996, abs=1e-3)
-
-
-def test_slipping_wheels_have_wide_noise_now_and_then() -> None:
-    q = normal_quantiles(0.1).astype(float)
-    assert q.mean() == pytest.approx(0.0, abs=1e-3)
-    assert q.std() == pytest.approx(math.sqrt(0.9 + 0.1 * SLIP**2), rel=0.01)
-    normal = 0.9 * 0.0027 + 0.1 * 0.8415  # beyond three deviations: of the narrow one, of the wide one
-    assert np.mean(np.abs(q) > 3.0) == pytest.approx(normal, abs=1e-3)

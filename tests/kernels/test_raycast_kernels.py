@@ -47,7 +47,7 @@ def cast_table(opaque, cells, codes: RangeCodes, *, parallel: bool = False) -> n
     """Codes of the table for cells of one metre."""
     rows = np.empty((len(cells), HEADINGS), np.uint8)
     with patch.object(kernels, "PARALLEL_WORK", 0 if parallel else 10**12):
-        range_table.cast_table(opaque, cells.astype(np.int32), codes, 1.0, rows)
+        range_table.RangeCaster(opaque, codes, 1.0).cast(cells.astype(np.int32), rows)
     return rows
 
 

@@ -1,4 +1,4 @@
-"""Stamps that run backwards begin a new stretch; odometry that jumps goes on from where it stood."""
+"""Stamps that run backwards begin a new stretch; odometry that leaps is handed on as it was recorded."""
 
 from __future__ import annotations
 
@@ -98,14 +98,26 @@ def driven(poses: dict[int, tuple[float, float, float]], after: int = 0, at: tup
 
 
 @pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (-50.0, 30.0, 2.0)])
-def test_odometry_that_starts_again_goes_on_from_where_it_stood(tmp_path: Path, at: tuple[float, float, float]) -> None:
+def test_odometry_that_starts_again_is_handed_on_as_it_was_recorded(
+    tmp_path: Path, at: tuple[float, float, float]
+) -> None:
     base, log = read(ordinary_drive(), tmp_path), read(driven({}, 40, at), tmp_path)
     assert log.stretches is None  # the robot itself was not carried
-    np.testing.assert_allclose(np.delete(steps(log), 39, 0), np.delete(steps(base), 39, 0), atol=1e-9)
-    np.testing.assert_allclose(steps(log)[39], 0.0, atol=1e-12)
+    assert remarks(log) == ""
     np.testing.assert_allclose(log.odometry[:40], base.odometry[:40], atol=1e-12)
-    assert "/odom was reset once, first" in remarks(log)
-    assert "it goes on from where it stood" in remarks(log)
+    np.testing.assert_allclose(log.odometry[40], at, atol=1e-12)
+    np.testing.assert_allclose(np.delete(steps(log), 39, 0), np.delete(steps(base), 39, 0), atol=1e-9)
+
+
+def test_nobody_is_half_way_of_a_leap() -> None:
+    from pipeline.logs.columns import planar_poses
+    from pipeline.logs.odometry import odometry_at
+
+    stamps = np.arange(4) * SECOND // 10
+    told = np.array([[20.0, 1.0, 0.0], [20.1, 1.0, 0.0], [0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    between_them = stamps[:3] + SECOND // 20
+    poses, _ = odometry_at(between_them, np.zeros(3, np.int64), planar_poses(stamps, stamps, told, "odom", "base_link"))
+    np.testing.assert_allclose(poses, [[20.05, 1.0, 0.0], [20.1, 1.0, 0.0], [0.05, 0.0, 0.0]], atol=1e-12)
 
 
 def test_a_fast_drive_through_a_gap_in_the_recording_is_a_drive(tmp_path: Path) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from pipeline.config import Config
 from pipeline.geometry import between, compose, wrap_angle
+from pipeline.logs.leaps import FASTEST, SPINNING, leapt
 from pipeline.logs.messages import Log
-from pipeline.motion.faults import Fault, Faults, Step, leapt
-from pipeline.motion.laser_odometry import FASTEST, SPINNING
+from pipeline.motion.faults import Fault, Faults, Step, without_leaps
 from pipeline.motion.prior import motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 
@@ -115,6 +115,22 @@ def test_wheels_that_spin_for_two_seconds() -> None:
     assert [fault.kind for fault in found] == ["slipped"]
 
 
+def test_wheels_that_die_in_mid_drive_have_not_slipped_before() -> None:
+    true = drive(400)
+    told = true.copy()
+    told[163:] = 0.0
+    found, _ = named(true, told)
+    assert [fault.kind for fault in found] == ["dead"]
+
+
+def test_a_robot_that_is_pushed_while_its_wheels_stand_is_told_when_they_turn_again() -> None:
+    true = drive(400)
+    told = true.copy()
+    true[202:214], told[202:214] = [0.1, 0.0, 0.0], 0.0
+    found, _ = named(true, told)
+    assert [fault.kind for fault in found] == ["slipped"]
+
+
 def test_a_laser_that_cannot_say_teaches_nothing() -> None:
     faults = Faults()
     for k in range(300):
@@ -189,3 +205,25 @@ def test_late_wheels_are_trusted_less(office: Log) -> None:
     (told,) = (c for c in motion_prior(motions[k - 1], motions[k], Config()).components if c.name == "wheels")
     assert told.table is None
     assert math.sqrt(told.covariance[2, 2]) > 0.1
+
+
+def test_wheels_that_are_heard_alone_stand_still_over_a_leap(office: Log) -> None:
+    at, odometry = 200, office.odometry.copy()
+    odometry[at:] = compose((0.0, 0.0, 0.0), between(odometry[at], odometry[at:]))
+    log = dataclasses.replace(office, odometry=odometry)
+    witnesses = Witnesses(log.laser, Config(odometry="wheels"))
+    motions = [witnesses.update(scan) for scan in log.scans()]
+    assert [(k, fault.kind) for k, motion in enumerate(motions) for fault in motion.faults] == [(at, "restarted")]
+    told = np.array([motion.odometry for motion in motions])
+    steps, true = (between(poses[:-1], poses[1:]) for poses in (told, office.odometry))
+    np.testing.assert_allclose(steps[at - 1], 0.0, atol=1e-12)
+    np.testing.assert_allclose(np.delete(steps, at - 1, 0), np.delete(true, at - 1, 0), atol=1e-9)
+    np.testing.assert_allclose(without_leaps(log.times, odometry), told, atol=1e-9)
+    (component,) = motion_prior(motions[at - 1], motions[at], Config(odometry="wheels")).components
+    assert component.name == "wheels"
+
+
+def test_odometry_that_does_not_leap_is_the_same_to_the_last_bit(office: Log) -> None:
+    assert without_leaps(office.times, office.odometry) is office.odometry
+    witnesses = Witnesses(office.laser, Config(odometry="wheels"))
+    assert all(witnesses.update(scan).odometry is scan.odometry for scan in office.scans())

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.filter.step import Beams, Estimate, Event, Step
 from pipeline.geometry import Pose, between, compose, wrap_angle
+from pipeline.judgement.verdict import Verdict
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.laser_odometry import Match
@@ -109,6 +110,7 @@ def steps(log: Log, count: int, *, beams: int = 36, seed: int = 0) -> Iterator[S
             moved=True,
             resampled=scan.index % 3 == 0,
             motion=Motion(scan.time, scan.odometry, None, None, scan.odometry, scan.ranges),
+            verdict=Verdict("found" if progress > 0.3 else "lost", float(progress > 0.3)),
             events=events,
         )
 

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from converters import convert
 from pipeline.cli import app
+from pipeline.geometry import between, compose
 from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.documents import log_explanation
 from pipeline.recording.raw_log import write_raw_log
@@ -37,7 +38,7 @@ def recorded(tmp_path):
 
 
 def test_every_scan_is_drawn_where_the_odometry_has_it_and_where_it_was(recorded):
-    log = drive(40)
+    log = drive(120)
     ranges = log.ranges.copy()
     ranges[7, :100], ranges[7, 100:] = np.nan, np.inf
     log = replace(log, ranges=ranges)
@@ -48,8 +49,19 @@ def test_every_scan_is_drawn_where_the_odometry_has_it_and_where_it_was(recorded
         places = np.array(column(robot, "Transform3D:translation"))[:, 0, :2]
         assert np.allclose(places, poses[:, :2], atol=DISPLAY_STEP)
         drawn = column(f"{robot}/scan", "Points3D:positions")
-        assert [len(points) for points in drawn] == [180 * (i != 7) for i in range(40)]
+        assert [len(points) for points in drawn] == [180 * (i != 7) for i in range(120)]
         assert np.allclose(np.array(drawn[3])[:, :2], ends, atol=DISPLAY_STEP)
+
+
+def test_a_path_by_the_wheels_goes_on_where_they_were_restarted(recorded):
+    log = drive(120)
+    odometry = log.odometry.copy()
+    odometry[60:] = between(odometry[60], odometry[60:])
+    _, column = recorded(replace(log, odometry=odometry))
+    places = np.array(column("/odometry/robot", "Transform3D:translation"))[:, 0, :2]
+    assert np.allclose(places[:60], log.odometry[:60, :2], atol=DISPLAY_STEP)
+    standing = between(log.odometry[60], log.odometry[60:])
+    assert np.allclose(places[60:], compose(log.odometry[59], standing)[:, :2], atol=DISPLAY_STEP)
 
 
 def test_what_a_log_lacks_is_left_out(recorded):

@@ -136,6 +136,21 @@ def test_other_hypotheses_carry_their_weight(record):
     assert labels[20] == ["60 %", "40 %"]
 
 
+def test_hypotheses_after_a_gap_are_named_if_they_have_a_share_worth_reading(record):
+    seen = list(steps(drive(60), 40))
+    estimate, other = seen[8].clusters
+    named = (
+        (estimate, 0.6, "did not move"),
+        (other, 0.38, "carried off to 3, 4"),
+        (other, 0.02, "carried off to 9, 9"),
+    )
+    clusters = tuple(dataclasses.replace(each, weight=weight, name=name) for each, weight, name in named)
+    seen[8] = dataclasses.replace(seen[8], clusters=clusters)
+    labels = record(seen=seen, log=drive(60)).column(entities.SHARES, "Points3D:labels")
+    assert labels[8] == ["60 %, did not move", "38 %, carried off to 3, 4", "2 %"]
+    assert labels[9] == ["60 %", "40 %"]
+
+
 def test_the_shares_can_be_read_whatever_the_ellipses_colour(record):
     run = record(scans=150)
     assert run.column(entities.SHARES, "Points3D:labels")[20] == ["60 %", "40 %"]
@@ -144,11 +159,11 @@ def test_the_shares_can_be_read_whatever_the_ellipses_colour(record):
 
 
 def test_the_truth_is_not_joined_where_somebody_carried_the_robot(record):
-    log = drive(40)
+    log = drive(150)
     poses = log.ground_truth.poses.copy()
     poses[25:, 0] += 6.0
     carried = dataclasses.replace(log, ground_truth=dataclasses.replace(log.ground_truth, poses=poses))
-    drawn = record(scans=40, log=carried).column(entities.TRUTH_PATH, "LineStrips3D:strips")
+    drawn = record(scans=150, log=carried).column(entities.TRUTH_PATH, "LineStrips3D:strips")
     assert [k for k, segment in enumerate(drawn) if not segment] == [0, 25]
 
 

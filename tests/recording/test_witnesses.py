@@ -189,7 +189,8 @@ def test_inspect_says_what_they_said(told):
     assert np.allclose(found.wheels, between(a.odometry, b.odometry), atol=0.02)
     assert (found.apart, found.fit, found.fit_by_wheels, found.follows_laser) == (2.0, 0.9, 0.3, 0.9)
     at = ["inspect", str(told.path), "--at", f"{told.steps[90].time + 0.01:.3f}"]
-    _, said = CliRunner().invoke(app, at).stdout.splitlines()
+    _, judged, said = CliRunner().invoke(app, at).stdout.splitlines()
+    assert judged == "found: right with probability 1.00"
     assert said == found.sentence
     assert "backwards" in said
     assert "by the laser 90 %, by the wheels 30 %; 90 % of the belief follows the laser" in said

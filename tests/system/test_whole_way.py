@@ -165,7 +165,7 @@ def test_evaluate_compares_the_sensor_models_in_one_table(mcl: Command, journey:
 
 
 def test_a_limit_is_asked_of_every_variant(mcl: Command, journey: Journey) -> None:
-    lost = ("--set", "init=pose", "--set", "slip=0", *FEW, "--runs", 1, "--jobs", 1, "--require-success", "0.95")
+    lost = ("--set", "init=pose", *FEW, "--runs", 1, "--jobs", 1, "--require-success", "0.95")
     done = mcl("evaluate", journey.log, *lost, "--vary", "initial_pose=[1, 1, 0],[2, 1, 0]", code=3)
     assert done.stderr.splitlines() == [
         f"error: drive, {pose}: 0 of 1 runs succeeded, 95 % required" for pose in ("[1, 1, 0]", "[2, 1, 0]")
@@ -186,7 +186,7 @@ def test_a_result_for_ros_is_written_beside_the_folder(mcl: Command, journey: Jo
 
 
 def test_a_requested_limit_that_fails_is_exit_code_3(mcl: Command, journey: Journey) -> None:
-    lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", "--set", "slip=0", *FEW)
+    lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", *FEW)
     done = mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0.95", code=3)
     assert "drive" in done.stdout
     assert done.stderr == "error: drive: 0 of 1 runs succeeded, 95 % required\n"

@@ -10,11 +10,11 @@ import pytest
 import reference
 
 from pipeline.config import Config
-from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.geometry import compose
 from pipeline.logs.messages import Laser, Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import opaque_cells
+from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 
 LASER = Laser((0.25, -0.1, 0.3), -math.pi / 2, math.pi / 90, beams=91, range_min=0.0, range_max=30.0)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.filter.evidence import FAMILIAR, MOST_PER_SPOT, SPOT, Evidence
+from pipeline.judgement.evidence import FAMILIAR, MOST_PER_SPOT, SPOT, Evidence
 
 HERE = np.array([0.5, 0.5])
 
