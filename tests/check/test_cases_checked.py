@@ -27,7 +27,7 @@ CASES = {
     "pr2_tilt.mcap": ("noted", "/tilt_scan was not taken"),
     "multi_echo.mcap": ("noted", "several echoes"),
     "cloud_only.mcap": ("broken", "no laser scans"),
-    "odom_reset.mcap": ("doubtful", "was reset once"),
+    "odom_reset.mcap": ("doubtful", "leapt at 40.0 s"),
     "skew.mcap": ("noted", "one after the other"),
     "tree_inverted_odom.mcap": ("noted", "the wrong way round"),
     "carmen/raw_odom.log": ("doubtful", "No PARAM robot_frontlaser_offset"),
