@@ -107,7 +107,6 @@ def localize(
         raise typer.BadParameter(f"--pose begins at that pose, --init {init} does not: give one of them")
     effective = effective_config(config, settings, particles, init="pose" if start else init, initial_pose=start)
     opened = open_log(log, map_path, reading)
-    warn(opened, effective)
     seen = seen_in(memory or [])
     viewer = _viewer_at(connect) if connect or view else None
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
@@ -115,6 +114,7 @@ def localize(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
         seen=seen, passes=passes,
     )  # fmt: skip
+    warn(opened, effective)  # not before: where the run itself refuses something, that is the one line
     if as_json:
         written = {} if mcap is None else {"mcap": str(mcap)}
         console.emit_json({"folder": str(run.folder.path), **written, **run.to_dict()})
