@@ -50,7 +50,7 @@ def check(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Look at a log: what is in it, what is wrong with it, and what to do about that.
+    """Tell what is in a log, what is wrong with it, and what to do.
 
     Its topics, clocks and gaps, laser, wheels, transforms, map and parameters are looked at, each against the others.
     Exits with 1 if something is broken.
