@@ -165,8 +165,8 @@ class Score:
     is localized and has 90 % of the belief there; None also where the belief is not told. ``position_error``,
     ``heading_error``: since it was found.
     ``ate``: RMSE of the position over all scans; ``ate_after``: since it was found. ``end_*``: at the last scan.
-    ``false_alarms``: verdicts just after a scan that was localized, unless somebody carried the robot off between the
-    two: a right verdict mends the estimate at once.
+    ``false_alarms``: takeovers just after a scan that was localized, unless somebody carried the robot off between the
+    two: a right one mends the estimate at once.
     ``hindsight_*``: of the trajectory smoothed afterwards: errors at the first scan, and RMSE over all. ``scored``:
     scans within the reference's span.
     """

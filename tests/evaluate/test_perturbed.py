@@ -79,8 +79,7 @@ def told(poses: np.ndarray):
     n = len(poses)
     return SimpleNamespace(
         poses=poses, hindsight=None, weights=np.ones(n), probability=np.ones(n),
-        covariances=np.tile(np.eye(3), (n, 1, 1)), events=(),
-        seconds={},
+        covariances=np.tile(np.eye(3), (n, 1, 1)), events=(), seconds={},
     )  # fmt: skip
 
 

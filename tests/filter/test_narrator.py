@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from pipeline.filter.narrator import Narrator
-from pipeline.filter.recovery import Verdict
-from pipeline.filter.step import Estimate, Event, Step
+from pipeline.filter.recovery import Takeover
+from pipeline.filter.step import Beams, Estimate, Event, Step
 from pipeline.geometry import compose
+from pipeline.judgement.verdict import Verdict
 from pipeline.motion.gaps import Gap
 from pipeline.motion.witnesses import Motion
 
-VERDICT = Verdict(lead=3.0, since=1.0, distance=9.0, explained=0.6)
+TAKEOVER = Takeover(lead=3.0, since=1.0, distance=9.0, explained=0.6)
 HERE, WAY = np.array([3.0, 2.0, 0.5]), np.array([2.0, 0.0, 1.0])
 THERE, ELSEWHERE = compose(HERE, WAY), np.array([12.0, 9.0, 2.0])
 
@@ -27,13 +26,13 @@ def step(at: int, places: list[tuple[np.ndarray, float]], pose: np.ndarray, gap:
     """A scan at which the belief is at these places with these weights, and dead reckoning has come to ``pose``."""
     clusters = tuple(Estimate(place, np.eye(3) * 0.01, weight) for place, weight in places)
     motion = Motion(float(at), pose, None, None, pose, np.empty(0, np.float32), gap=gap)
-    plain = dict.fromkeys((field.name for field in dataclasses.fields(Step)), None)
-    said = {"index": at, "time": float(at), "clusters": clusters, "estimate": clusters[0], "motion": motion}
     return Step(
-        **plain
-        | {"particles": np.empty((9, 3)), "spread": 0.7, "explained": 0.7, "moved": True, "resampled": False}
-        | said
-    )  # type: ignore[arg-type]
+        index=at, stamp=at, time=float(at), particles=np.empty((9, 3), np.float32), log_weights=np.zeros(9),
+        estimate=clusters[0], clusters=clusters, ess=9.0,
+        beams=Beams(pose, np.empty(0), *2 * [np.empty(0, np.float32)]),
+        mean_likelihood=1.0, explained=0.7, spread=0.7, moved=True, resampled=False, motion=motion,
+        verdict=Verdict("found", 1.0),
+    )  # fmt: skip
 
 
 def sentences(events: tuple[Event, ...], kind: str) -> list[str]:
@@ -48,9 +47,9 @@ def after_gap(gap: Gap, places: list[tuple[np.ndarray, float]]) -> tuple[Narrato
 
 def test_a_loss_is_told_once_until_the_robot_is_found() -> None:
     narrator, at_two = Narrator(), [(HERE, 0.6), (ELSEWHERE, 0.4)]
-    verdicts = [None, VERDICT, None, VERDICT, None, VERDICT]
+    takeovers = [None, TAKEOVER, None, TAKEOVER, None, TAKEOVER]
     places = [at_two, at_two, at_two, at_two, [(HERE, 0.97), (ELSEWHERE, 0.03)], at_two]
-    steps = [narrator.tell(step(k, p, np.zeros(3)), v) for k, (p, v) in enumerate(zip(places, verdicts, strict=True))]
+    steps = [narrator.tell(step(k, p, np.zeros(3)), v) for k, (p, v) in enumerate(zip(places, takeovers, strict=True))]
     kinds = [[event.kind for event in s.events if event.kind in ("lost", "changed", "found")] for s in steps]
     assert kinds == [[], ["lost"], [], ["changed"], ["found"], ["lost"]]
     assert sentences(steps[1].events, "lost")[0].startswith("Lost at 1.0 s: 60 % of the beams fit here, but a place")
@@ -73,7 +72,7 @@ def test_names_stay_while_the_robot_drives_on_and_go_when_one_is_left() -> None:
     narrator, _ = after_gap(told(np.zeros(3)), [(HERE, 0.6), (ELSEWHERE, 0.4)])
     on = compose(np.array([0.0, 0.0, 0.3]), moved)
     here, elsewhere = compose(HERE, moved), compose(ELSEWHERE, moved)
-    later = narrator.tell(step(25, [(elsewhere, 0.7), (here, 0.3)], on), VERDICT)
+    later = narrator.tell(step(25, [(elsewhere, 0.7), (here, 0.3)], on), TAKEOVER)
     assert [c.name for c in later.clusters] == ["carried off to 12, 9", "did not move"]
     last = narrator.tell(step(26, [(elsewhere, 0.98), (here, 0.02)], on), None)
     assert sentences(last.events, "found")[0].endswith(": it was carried off to 12, 9.")
