@@ -167,7 +167,8 @@ class Sensor:
         beams[outside] = self._model.outside(reading.ranges) / codes.shape[1]
         if self._unknown is not None:
             if self.world is not None and self.world.version:
-                beams = self._either(beams, codes, self._unknown.by_log(_columns(poses)), reading)
+                near, by_log = self._unknown.by_log(_columns(poses))
+                beams[near] = self._either(beams[near], codes[near], by_log, reading)
             rows = np.flatnonzero(roams)
             if (off := self._unknown.find(_columns(poses[rows]))) is not None:
                 beams[rows[off.which]] = self._unknown.beams(off, reading.ranges, reading.agnostic, reading.likelihood)
