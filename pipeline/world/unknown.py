@@ -88,7 +88,7 @@ class Unknown:
         return out
 
     def by_log(self, poses: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-        """Of poses (3, n) those that are on floor near to where the log has shown anything, (m,), and (m, k) codes of the
+        """Of poses (3, n) those on floor near to where the log has shown anything, (m,), and the (m, k) codes of the
         ranges that their beams have in the world as it was shown."""
         near = np.zeros(self._open_land.shape, np.bool_)
         reach = math.ceil(CLEAR / self._world.resolution)
