@@ -238,6 +238,76 @@ def standing(cell: int, heading: int, laser_in_robot, headings: int, allowed) ->
     return 0 <= x < width and 0 <= y < height and bool(allowed[math.floor(y), math.floor(x)])
 
 
+# --- the world as the log has shown it -------------------------------------------------------------------------------
+
+
+def place_in_world(pose, laser, resolution, headings, margin: int, wanted) -> tuple[int | None, int, float]:
+    """Cell (-1 off the raster, None where it is not wanted) and heading of the laser, and how near to another one."""
+    x, y, theta = (float(v) for v in pose)
+    cells = np.arange(wanted.size).reshape(wanted.shape)
+    shifted = x + margin * resolution, y + margin * resolution, theta
+    cell, heading, undecided = table_place(shifted, laser, resolution, headings, cells)
+    return (cell if cell < 0 or wanted.flat[cell] else None), heading, undecided
+
+
+def longest_in_wall(start, end, margin: int, is_wall) -> float:
+    """How many cells long the longest piece is that the way from start to end (cells of the map) has within a wall."""
+    height, width = is_wall.shape
+    (x, y), length = (v + margin for v in start), math.dist(start, end)
+    dx, dy = (end[0] - start[0]) / length, (end[1] - start[1]) / length
+    crossings = [np.array([0.0, length])]
+    for at, slope, borders in ((x, dx, width), (y, dy, height)):
+        if slope != 0.0:
+            crossings.append((np.arange(borders + 1) - at) / slope)
+    at = np.sort(np.concatenate(crossings))
+    longest = 0.0
+    for near, far in itertools.pairwise(at[(at >= 0.0) & (at <= length)]):
+        col, row = math.floor(x + (near + far) / 2 * dx), math.floor(y + (near + far) / 2 * dy)
+        if 0 <= col < width and 0 <= row < height and is_wall[row, col]:
+            longest = max(longest, far - near)
+    return longest
+
+
+def through_unknown(agnostic, survival, likelihood) -> float:
+    """A beam ended in the unknown, or it passed that and met what the map says; never nothing at all."""
+    return math.log(max(agnostic + survival * likelihood, 1e-30))
+
+
+def looked_at(laser, angles, ranges, longest: float, shape, margin: int) -> tuple[set, set]:
+    """Cells (row, column) in which beams of a scan ended, and those that beams passed and none ended in.
+
+    Points every two thirds of a cell are looked at, up to 1.5 cells before the end, as long as they are on the raster.
+    """
+    x, y, yaw = laser
+    ended, passed = set(), set()
+
+    def cell(along: float, angle: float) -> tuple[int, int] | None:
+        col = math.floor(x + along * math.cos(yaw + angle)) + margin
+        row = math.floor(y + along * math.sin(yaw + angle)) + margin
+        return (row, col) if 0 <= row < shape[0] and 0 <= col < shape[1] else None
+
+    for angle, reading in zip(angles, ranges.astype(float), strict=True):
+        if math.isnan(reading):
+            continue
+        if reading <= longest:
+            ended.add(cell(reading, angle))
+        for point in range(int(max(min(reading - 1.5, longest), 0.0) * 1.5)):
+            if (at := cell(point / 1.5, angle)) is None:
+                break
+            passed.add(at)
+    return ended - {None}, passed - ended
+
+
+def counted(hits, passes, ended: set, passed: set, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """The counts after one more scan; together at most ``most``, the new one in full before that is seen to."""
+    hits, passes = hits.astype(float), passes.astype(float)
+    for counts, cells in ((hits, ended), (passes, passed)):
+        for at in cells:
+            counts[at] += 1.0
+    too_many = np.maximum((hits + passes) / most, 1.0)
+    return hits / too_many, passes / too_many
+
+
 # --- likelihood fields -----------------------------------------------------------------------------------------------
 
 

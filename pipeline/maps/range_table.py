@@ -142,7 +142,7 @@ class RangeCaster:
 
     def __init__(self, opaque: NDArray[np.uint8], codes: RangeCodes, resolution: float) -> None:
         # One cell off the map on every side, so that no ray has to ask where the map ends.
-        self._walled, self._width = np.pad(opaque, 1), opaque.shape[1]
+        self._walled, self._width = np.pad(np.ascontiguousarray(opaque), 1), opaque.shape[1]
         self._clear = np.empty_like(self._walled)
         table.clearance(self._walled, self._clear)
         # From which range on each code counts, and which code that is at every small step.

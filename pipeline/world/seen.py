@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -27,6 +28,9 @@ SEEN_PASSES, SEEN_FREE = 3.0, 0.1
 """Scans that must have passed a cell, and the most of them that may have ended there, so that it is free."""
 SAME = 0.3
 """m: a wall that is so close to a mapped one is that: maps are drawn no better, nor is the place known better."""
+
+_DAMAGED = (OSError, EOFError, KeyError, TypeError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
+"""What numpy and zipfile raise for files that are something else, or cut, or damaged."""
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ def read_seen(path: Path) -> Seen:
         raise MclError(
             "this run remembers nothing of the world", "it needs a run that kept its memory", path=path
         ) from None
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except _DAMAGED as error:
         raise MclError("this file is no memory of a run", "name the folder of a run", path=path) from error
     if not (found.mapped.shape == found.hits.shape == found.passes.shape) or found.mapped.ndim != 2:
         raise MclError("this file is no memory of a run", "name the folder of a run", path=path)

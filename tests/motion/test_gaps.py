@@ -16,8 +16,8 @@ from pipeline.motion.witnesses import Motion, Witnesses
 DROVE, STOOD = np.array([3.0, 0.2, 0.1]), np.array([0.05, 0.0, 0.01])
 
 
-def match(fit: float = 0.95, stretch: int = 0, wide: bool = False) -> Match:
-    return Match(np.zeros(3), np.eye(3), fit, fit, None, wide, stretch)
+def match(fit: float = 0.95, stretch: int = 0, wide: bool = False, pose: np.ndarray | None = None) -> Match:
+    return Match(np.zeros(3) if pose is None else pose, np.eye(3), fit, fit, None, wide, stretch)
 
 
 def after(interval: float, seconds: float, told: np.ndarray | None, now: Match):
@@ -46,12 +46,29 @@ def test_whether_the_robot_drove_on_is_what_the_wheels_say(told: np.ndarray | No
     assert (gap.kind, gap.seconds, gap.driven, gap.bridged) == ("missing", 18.0, driven, False)
 
 
-@pytest.mark.parametrize("now", [match(stretch=1), match(fit=0.7, wide=True)])
+@pytest.mark.parametrize("now", [match(stretch=1), match(fit=0.7, wide=True, pose=DROVE)])
 def test_other_walls_from_one_scan_to_the_next(now: Match) -> None:
     gap = after(0.2, 0.2, DROVE * 0.05, now)
     assert gap is not None
     assert gap.kind == "unmatched"
     assert not gap.driven
+
+
+@pytest.mark.parametrize(
+    ("off", "agrees"),
+    [((0.0, 0.0, 0.0), True), ((0.2, -0.2, 0.25), True), ((0.35, 0.0, 0.0), False), ((0.0, 0.0, -0.35), False)],
+)
+def test_a_poor_match_where_the_wheels_say_is_a_drive_to_what_is_new(off: tuple[float, ...], agrees: bool) -> None:
+    """Also where the wheels' heading goes round."""
+    for told in (DROVE, np.array([-1.0, 0.5, 3.1])):
+        seen = told + off
+        seen[2] = (seen[2] + np.pi) % (2 * np.pi) - np.pi
+        gap = after(0.2, 0.2, told, match(fit=0.7, wide=True, pose=seen))
+        assert (gap is None) is agrees
+
+
+def test_a_good_match_is_believed_against_the_wheels() -> None:
+    assert after(0.2, 0.2, DROVE, match(fit=0.9, wide=True)) is None
 
 
 def test_a_scan_that_shows_no_walls_is_no_gap() -> None:
