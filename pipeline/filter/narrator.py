@@ -57,7 +57,9 @@ class Narrator:
         if step.heat is None or not self._started:
             return []
         # What calls for a search is the share of the last scans, not that of this one.
-        why = f"few beams have fitted of late, {100 * step.explained:.0f} % do now"
+        why = (
+            f"the scans fitted this place little better than chance of late, {100 * step.explained:.0f} % of beams now"
+        )
         if step.motion.unseen is not None:
             why = "nobody saw how the robot came here"
         return [Event("searched", f"Searched the building at {step.time:.1f} s: {why}.")]

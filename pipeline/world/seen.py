@@ -38,7 +38,8 @@ class Seen:
     """Of every cell how many scans ended in it, ``hits``, and passed it, ``passes`` (height, width) float32.
 
     ``mapped`` (height, width) uint8: FREE, WALL or UNKNOWN, as the map has it, which is ``margin`` cells smaller on
-    every side; ``resolution`` m; ``origin``: of the map's corner, as in ``OccupancyGrid``; ``map_sha256``: which map.
+    every side; ``resolution`` m; ``origin``: of the map's corner, as in ``OccupancyGrid``; ``map_sha256``: which map;
+    ``within``: rows and columns that hold all that was seen, if somebody knows.
     """
 
     mapped: NDArray[np.uint8]
@@ -48,10 +49,13 @@ class Seen:
     resolution: float
     origin: Pose
     map_sha256: str
+    within: tuple[slice, slice] | None = None
 
     @cached_property
     def box(self) -> tuple[slice, slice]:
         """Rows and columns of the part in which anything was seen, and SAME around it; empty if nothing was."""
+        if self.within is not None:
+            return self.within
         touched = self.hits + self.passes > 0.0
         sides = []
         for axis in (1, 0):

@@ -13,7 +13,7 @@ from pipeline.kernels import world
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import RangeCodes
 from pipeline.world.rays import Rays
-from pipeline.world.seen import UNKNOWN, WALL, Seen
+from pipeline.world.seen import SAME, UNKNOWN, WALL, Seen
 
 MARGIN = 20.0
 """m: so far around the map land is thought of, as unknown; beyond it nothing that is known can be seen."""
@@ -36,22 +36,24 @@ class World:
         self._grid, self._scale, self._width = grid, scale, width
         self.resolution = grid.resolution
         self.margin = math.ceil(MARGIN / grid.resolution)
-        mapped = np.where(grid.known, grid.occupied(threshold), UNKNOWN).astype(np.uint8)
-        self.mapped = np.pad(np.ascontiguousarray(mapped), self.margin, constant_values=UNKNOWN)
+        mapped = np.full([side + 2 * self.margin for side in (grid.height, grid.width)], UNKNOWN, np.uint8)
+        inside = mapped[self.margin : self.margin + grid.height, self.margin : self.margin + grid.width]
+        inside[:] = np.where(grid.known, grid.occupied(threshold).view(np.uint8), np.uint8(UNKNOWN))
+        self.mapped = mapped
         self.kinds, self.box = self.mapped, (slice(0, 0), slice(0, 0))
-        self.changed = np.zeros_like(self.mapped)
+        self.changed = np.zeros(mapped.shape, np.uint8)
         self.version = 0
         self._scans = 0
         self._before: Seen | None = None
+        self._rays: dict[str, Rays] = {}
         self.forget()
-        self._cast()
 
     @property
     def seen(self) -> Seen:
         """What the scans have shown so far."""
         shape, grid = self.mapped.shape, self._grid
         hits, passes = self._hits.reshape(shape), self._passes.reshape(shape)
-        return Seen(self.mapped, hits, passes, self.margin, grid.resolution, grid.origin, grid.sha256)
+        return Seen(self.mapped, hits, passes, self.margin, grid.resolution, grid.origin, grid.sha256, self._looked)
 
     def begin_with(self, before: Seen) -> None:
         """Count on from what earlier runs have shown. Raises MclError if they had another map."""
@@ -59,13 +61,15 @@ class World:
             raise MclError("the memory is of a run on another map", "give a run on this one")
         total = before.hits + before.passes
         share = np.minimum(1.0, MOST / np.maximum(total, 1.0)).astype(np.float32)
-        self._before = replace(before, hits=before.hits * share, passes=before.passes * share)
+        kept = replace(before, hits=before.hits * share, passes=before.passes * share)
+        self._before = replace(kept, within=kept.box)
         self.forget()
         self.renew()
 
     def forget(self) -> None:
         """Count anew, from what earlier runs have shown."""
         n, before = self.mapped.size, self._before
+        self._looked = (slice(0, 0), slice(0, 0)) if before is None else before.box
         self._hits = np.zeros(n, np.float32) if before is None else before.hits.reshape(-1).copy()
         self._passes = np.zeros(n, np.float32) if before is None else before.passes.reshape(-1).copy()
         self._passed_at, self._hit_at = np.zeros(n, np.int32), np.zeros(n, np.int32)
@@ -75,6 +79,7 @@ class World:
         where nothing is known."""
         self._scans += 1
         cell = self._grid.resolution
+        self._looked = self._with(laser)
         world.look(
             laser[0] / cell, laser[1] / cell, laser[2], angles, ranges / np.float32(cell), CLEAR / cell,
             self.mapped.shape[1], self.margin, self._scans, self._passed_at, self._hit_at, self._passes, self._hits,
@@ -88,10 +93,38 @@ class World:
         if not np.array_equal(kinds, self.kinds):
             self.kinds, self.box, self.changed = kinds, seen.box, seen.changed
             self.version += 1
-            self._cast()
+            self._rays.clear()
 
-    def _cast(self) -> None:
-        walls, known = (self.kinds == WALL).astype(np.uint8), (self.kinds != UNKNOWN).astype(np.uint8)
-        cast = self._scale, self._grid.resolution, self._width
-        # To the first wall, through whatever is unknown; to the first cell that is known; and to whatever comes first.
-        self.walls, self.known, self.first = Rays(walls, *cast), Rays(known, *cast), Rays(self.kinds, *cast)
+    @property
+    def walls(self) -> Rays:
+        """Rays to the first wall, through whatever is unknown."""
+        return self._cast("walls")
+
+    @property
+    def known(self) -> Rays:
+        """Rays to the first cell of which anything is known."""
+        return self._cast("known")
+
+    @property
+    def first(self) -> Rays:
+        """Rays to whatever comes first, a wall or what is unknown."""
+        return self._cast("first")
+
+    def _cast(self, until: str) -> Rays:
+        # Few runs need any: of a large map each takes as much memory as the map.
+        if until not in self._rays:
+            opaque = self.kinds
+            if until != "first":
+                opaque = (self.kinds == WALL if until == "walls" else self.kinds != UNKNOWN).view(np.uint8)
+            self._rays[until] = Rays(opaque, self._scale, self._grid.resolution, self._width)
+        return self._rays[until]
+
+    def _with(self, laser: NDArray[np.float64]) -> tuple[slice, slice]:
+        """Rows and columns that hold what was looked at so far, and what is seen from here."""
+        cell, reach = self._grid.resolution, CLEAR + SAME + self._grid.resolution
+        sides = []
+        for place, side, size in zip(laser[[1, 0]], self._looked, self.mapped.shape, strict=True):
+            first, last = (int((place + by) / cell) + self.margin for by in (-reach, reach))
+            begin = first if side.stop == side.start else min(first, side.start)
+            sides.append(slice(max(begin, 0), min(max(last + 1, side.stop), size)))
+        return sides[0], sides[1]
