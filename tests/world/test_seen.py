@@ -150,7 +150,10 @@ def test_what_two_runs_saw_adds_up() -> None:
 
 
 def test_runs_on_different_maps_do_not_add_up() -> None:
-    for other in (dataclasses.replace(seen(), map_sha256="b" * 64), dataclasses.replace(seen(), mapped=np.zeros((2, 2)))):
+    for other in (
+        dataclasses.replace(seen(), map_sha256="b" * 64),
+        dataclasses.replace(seen(), mapped=np.zeros((2, 2))),
+    ):
         with pytest.raises(MclError, match="different maps"):
             seen().merged(other)
 
