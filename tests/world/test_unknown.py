@@ -76,7 +76,8 @@ def test_through_the_unknown_mapped_walls_are_seen(land: Land) -> None:
 
 def likelihood_near(codes: np.ndarray, ranges: np.ndarray, width: float = 0.2) -> np.ndarray:
     """(k, 256): 3 per metre where a true range is as measured, and next to nothing elsewhere."""
-    apart = np.abs(codes[None, :] - ranges[:, None])
+    with np.errstate(invalid="ignore"):  # of no return and nothing there
+        apart = np.abs(codes[None, :] - ranges[:, None])
     return np.where(apart < width, 3.0, 1e-7).astype(np.float32)
 
 
