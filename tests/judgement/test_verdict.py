@@ -47,7 +47,7 @@ def test_no_share_of_the_belief_is_too_small_or_too_large_to_be_judged(weight: f
 
 
 def test_who_has_proved_right_is_believed_for_a_while_and_less_and_less() -> None:
-    """A robot that drives off the map, where nothing explains anything, is known to be there; not forever."""
+    """Off the map, where nothing explains anything, it is known where the robot is; not forever."""
     judge = Judge()
     assert judged(judge, 30.0)[-1].kind == "found"
     off = judged(judge, 120.0, since=30.0, off=0.95, worth=0.0)

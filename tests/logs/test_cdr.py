@@ -61,6 +61,23 @@ def test_what_is_packed_is_what_rosbags_reads(frame: str, count: int) -> None:
         assert bytes(STORE.serialize_cdr(message, "sensor_msgs/msg/LaserScan")) == data
 
 
+texts = st.text(st.characters(exclude_characters="\0", exclude_categories=["Cs"]), max_size=12)
+
+
+@given(st.integers(0, 2**31 * 10**9 - 1), st.integers(0, 3), texts, texts, st.dictionaries(texts, texts, max_size=4))
+def test_diagnostics_of_any_texts_are_what_rosbags_reads(
+    stamp: int, level: int, name: str, message: str, values: dict[str, str]
+) -> None:
+    data, kind = cdr.pack_diagnostics(stamp, level, name, message, values), "diagnostic_msgs/msg/DiagnosticArray"
+    found = STORE.deserialize_cdr(data, kind)
+    assert found.header.stamp.sec * 10**9 + found.header.stamp.nanosec == stamp
+    (status,) = found.status
+    assert (status.level, status.name, status.message, status.hardware_id) == (level, name, message, "")
+    assert {pair.key: pair.value for pair in status.values} == values
+    assert bytes(STORE.serialize_cdr(found, kind)) == data
+    assert cdr.stamp_of(data) == stamp
+
+
 def test_messages_of_different_shapes_are_left_to_rosbags() -> None:
     frames = Recording()
     for frame in ("one", "two"):  # the same length, so that only a look at the bytes tells them apart

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from pipeline.localization import localize
 from pipeline.logs import schema
 from pipeline.logs.messages import Log, Trajectory
 from pipeline.logs.reader import read_log
-from pipeline.logs.result import ResultFile
+from pipeline.logs.result import LEVELS, ResultFile
 from pipeline.logs.tum import write_tum
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording.run_folder import create
@@ -111,6 +113,29 @@ def test_particles_travel_with_their_weights(run: tuple[Path, Path], office: Log
         assert len(cloud.particles) == len(array.poses) == QUICK.record_particles
         assert sum(p.weight for p in cloud.particles) == pytest.approx(1.0, abs=1e-5)
         assert [p.pose for p in cloud.particles] == array.poses
+
+
+def test_every_scan_has_a_diagnosis(run: tuple[Path, Path], office: Log) -> None:
+    """The verdict as monitors show it, at the scan's own stamp and time, with what it rests on."""
+    found, folder = read(run[0]), run[1].parent
+    assert [(at, stamp(m)) for at, m in found["/diagnostics"]] == [(at, stamp(m)) for at, m in found["/amcl_pose"]]
+    told = json.loads((folder / "run.json").read_text())["figures"]["verdict"]
+    kinds: list[str] = []
+    for _, message in found["/diagnostics"]:
+        (status,) = message.status
+        assert status.name == "mcl: localization"
+        assert status.level == LEVELS[status.message]
+        values = {pair.key: pair.value for pair in status.values}
+        assert 0.0 <= float(values.pop("probability of being right")) <= 1.0
+        places = values.pop("places")
+        assert re.match(r"\d+ % at \(-?\d+\.\d\d, -?\d+\.\d\d\)", places)
+        assert all(-0.001 <= float(value) <= 1.001 for value in values.values())
+        assert len(values) == 5
+        kinds.append(status.message)
+    assert len(kinds) == len(office)
+    assert kinds[-1] == told["at_end"]
+    shares = {kind: kinds.count(kind) / len(kinds) for kind in LEVELS}
+    assert shares == pytest.approx(told["shares"])
 
 
 def test_particles_are_the_filters(office: Log, tmp_path: Path) -> None:

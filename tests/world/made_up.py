@@ -1,4 +1,4 @@
-"""A little made-up map for tests: a room, and beside it land of which nothing is known but its far wall."""
+"""A little made-up map for tests of the world: a room, and beside it unknown land with a wall at its far end."""
 
 from __future__ import annotations
 
