@@ -80,9 +80,9 @@ class Config(BaseModel):
 
     without: tuple[Literal["gaps", "faults", "loosely", "proposals", "deskewing", "off_map", "memory"], ...] = Field(
         (),
-        description="Parts of the motion model that are left out, to see what they are good for: gaps as events, "
-        "faults of the wheels, particles that follow the laser loosely, poses that the scan proposes, "
-        "beams put right in time.",
+        description="Parts that are left out, to see what they are good for: gaps as events, faults of the wheels, "
+        "particles that follow the laser loosely, poses that the scan proposes, beams put right in time; land off the "
+        "map, and the memory of what the log has shown of the world.",
     )
 
     # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
