@@ -241,8 +241,9 @@ def main() -> None:
     gather(asked)
     runs = [read(path) for path in sorted(asked.keep.glob("*.npz"))]
     if len({run.building for run in runs}) < 2:
-        parser.error(f"{asked.keep} has runs of fewer than two buildings: nothing can be left out")
-    report(runs)
+        print(f"{asked.keep} has {len(runs)} runs of fewer than two buildings: no fit can leave one out")
+    else:
+        report(runs)
 
 
 if __name__ == "__main__":
