@@ -5,12 +5,14 @@ PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; 
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
 VENV := .venv
 SEEDS ?= 20
+INPUTS ?= 1000000
+ROUNDS ?= 20
 ONLY ?=
 DATA ?= ../shared/data
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help setup demo test lint format bench sweep pictures clean
+.PHONY: help setup demo test lint format bench sweep fuzz faults pictures clean
 .DEFAULT_GOAL := help
 
 help:  ## Show what can be made
@@ -47,9 +49,15 @@ bench: $(INSTALLED)  ## Measure speed; the table, JSON and a picture go to bench
 sweep: $(INSTALLED)  ## Run the documentation's tables again, SEEDS=20 runs a row, of rows named ONLY=...; stopped, it goes on
 	$(BIN)/python docs/sweep.py --seeds $(SEEDS) --data $(DATA) --only '$(ONLY)'
 
+fuzz: $(INSTALLED)  ## Mangled files into all that reads files, INPUTS=1000000 of them; what goes wrong is kept in .fuzz/
+	$(BIN)/python tests/fuzz.py --count $(INPUTS)
+
+faults: $(INSTALLED)  ## Kill, stop and starve commands at random instants, ROUNDS=20 times each
+	$(BIN)/python tests/breakdowns.py --rounds $(ROUNDS)
+
 pictures: $(INSTALLED)  ## Take the documentation's pictures again, in the headless viewer (needs a Vulkan driver)
 	$(BIN)/python docs/pictures.py
 
 clean:  ## Remove caches and built files; recordings and .venv stay
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks build dist
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks .fuzz build dist
 	find pipeline converters tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -13,8 +14,12 @@ import converters
 from converters.text import sha256
 from pipeline import logs
 from pipeline.errors import MclError
+from pipeline.logs import schema
 from pipeline.logs.mcap_file import A_RUN, MAGIC, RRD_MAGIC
+from pipeline.logs.messages import Log
+from pipeline.logs.reader import read_log
 from pipeline.logs.recorded import Names
+from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import UNUSED, cache_dir
 
 _SUFFIXES = (".gz", ".bz2", ".log", ".clf", ".bag", ".active", ".db3", ".mcap", ".zstd", ".txt")
@@ -28,6 +33,37 @@ class Converted:
     mcap: Path
     format: str
     sha256: str
+
+
+@dataclass(frozen=True)
+class Read:
+    """A log that was read, by way of ``mcap`` if it was converted, from ``format``; both None for an .mcap.
+
+    ``remarks``: what a user should know of how it was read.
+    """
+
+    log: Log
+    remarks: tuple[str, ...]
+    mcap: Path | None = None
+    format: str | None = None
+
+
+def read(path: Path, grid: OccupancyGrid | None = None, names: Names | None = None) -> Read:
+    """Any log: a raw log, or a bag, is converted first, into the cache. ``grid``: instead of the log's own map.
+
+    Raises MclError for whatever is wrong in it.
+    """
+    if (into := converted(path, names)) is None:
+        log = read_log(path, grid, names)
+        return Read(log, tuple(_remarks(log, schema.READER)))
+    log = read_log(into.mcap, grid)
+    log = replace(log, name=into.name, path=path, sha256=into.sha256, converted=into.mcap)
+    return Read(log, (*_remarks(log, schema.SOURCE), *_remarks(log, schema.READER)), into.mcap, into.format)
+
+
+def _remarks(log: Log, record: str) -> list[str]:
+    remarks: list[str] = json.loads(log.metadata.get(record, {}).get("remarks", "[]"))
+    return remarks
 
 
 def converted(path: Path, names: Names | None = None) -> Converted | None:

@@ -208,8 +208,12 @@ def _placed(log: CarmenLog, odometry: list[_Row], begins: list[int]) -> CarmenLo
     remarks = log.remarks
     if outside := int((~inside).sum()):
         remarks += (f"{outside:,} {log.kind} lines left out: before the first ODOM line or after the last",)
-    restarts = tuple(int(inside[:row].sum()) for row in log.restarts)
-    return replace(replace(log, robot_poses=places).take(inside), restarts=restarts, remarks=remarks)
+    # Of some stretches no scan may be left.
+    stretch = np.searchsorted(log.restarts, np.arange(len(log)), side="right")[inside]
+    restarts = tuple((np.flatnonzero(np.diff(stretch)) + 1).tolist())
+    shifts = tuple(log.shifts[k] for k in np.unique(stretch).tolist())
+    placed = replace(log, robot_poses=places).take(inside)
+    return replace(placed, restarts=restarts, shifts=shifts, remarks=remarks)
 
 
 def _on_common_beams(rows: list[_Row], remarks: list[str]) -> tuple[Beams, NDArray[np.float64]]:
@@ -228,7 +232,9 @@ def _on_common_beams(rows: list[_Row], remarks: list[str]) -> tuple[Beams, NDArr
         if own == beams:
             out[:] = row.ranges
         elif own is not None and own.angle_increment:
-            nearest = np.rint((angles - own.angle_min) / own.angle_increment).astype(np.int64)
+            with np.errstate(all="ignore"):  # an increment of almost nothing leads nowhere
+                place = np.nan_to_num(np.rint((angles - own.angle_min) / own.angle_increment), nan=-1.0)
+            nearest = np.clip(place, -1, own.count).astype(np.int64)
             inside = (nearest >= 0) & (nearest < own.count)
             out[inside] = np.array(row.ranges)[nearest[inside]]
     return beams, ranges

@@ -97,6 +97,8 @@ class Ros1Bag:
         read = zip(places, self._reader.messages(connections=wanted), strict=True)
         placed = [((place.chunk_pos, place.offset), connection, time, data) for place, (connection, time, data) in read]
         for _, connection, time, data in sorted(placed, key=lambda each: each[0]):
+            if connection.topic not in names:  # an index that leads to somebody else's message
+                raise MclError("this bag is damaged: its index is wrong", path=self.path)
             yield connection.topic, connection.msgtype, connection.msgdef.data, time, bytes(data)
 
     @contextmanager
@@ -146,7 +148,7 @@ def _scan(path: Path) -> _Scanned:
             else:
                 _note(found, fields, data)
             whole = end
-    except (struct.error, ValueError, KeyError, OSError, EOFError, RuntimeError, UnicodeDecodeError):
+    except (struct.error, ValueError, LookupError, OSError, EOFError, RuntimeError, UnicodeDecodeError):
         pass  # the end of what can be read
     return _Scanned(found.connections, found.keys, found.times, found.data, len(content) - whole)
 

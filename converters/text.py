@@ -13,6 +13,7 @@ import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import IO
 
 import numpy as np
@@ -23,6 +24,8 @@ from pipeline.outputs import replacing
 
 GZIP_MAGIC, BZIP2_MAGIC = b"\x1f\x8b", b"BZh"
 _BLOCK = 1 << 16
+MOST = 1_000_000_000
+"""Bytes that a packed file may hold: a small one can be made to fill any memory."""
 MIN_STEP = 100_000  # ns between stamps that had to be repaired
 FEW = 0.01
 """Share of a log's lines that may be left out, for they say nothing that can be used."""
@@ -38,7 +41,7 @@ def read_bytes(path: Path) -> bytes:
         raise MclError(f"cannot be read: {error.strerror}", path=path) from error
     if data.startswith(GZIP_MAGIC):
         try:
-            data = gzip.decompress(data)
+            data = _unpacked(gzip, data, path)
         except (EOFError, zlib.error, gzip.BadGzipFile) as error:
             raise MclError("this gzip file is cut or damaged", path=path) from error
     elif Path(path).suffix == ".gz" and data:
@@ -80,7 +83,7 @@ def read_log_bytes(path: Path) -> tuple[bytes, list[str]]:
         if packed.startswith(magic):
             remarks = []
             try:
-                data = decompressor.decompress(packed)
+                data = _unpacked(decompressor, packed, path)
             except (EOFError, OSError, zlib.error, ValueError):
                 data = _as_far_as_it_goes(decompressor.open(io.BytesIO(packed)))
                 remarks.append(f"this {kind} file is cut or damaged: read as far as it goes")
@@ -90,11 +93,21 @@ def read_log_bytes(path: Path) -> tuple[bytes, list[str]]:
     return read_bytes(path), []
 
 
+def _unpacked(kind: ModuleType, packed: bytes, path: Path) -> bytes:
+    """All of a file that is packed in this ``kind``, unless it unpacks to far more than any log."""
+    with kind.open(io.BytesIO(packed)) as file:
+        data: bytes = file.read(MOST + 1)
+    if len(data) > MOST:
+        raise MclError(f"this file unpacks to more than {MOST / 1e9:g} GB, which no log has", path=path)
+    return data
+
+
 def _as_far_as_it_goes(file: IO[bytes]) -> bytes:
-    blocks = []
+    blocks, size = [], 0
     with file, suppress(EOFError, OSError, zlib.error, ValueError):
-        while block := file.read1(_BLOCK):  # type: ignore[attr-defined]
+        while size < MOST and (block := file.read1(_BLOCK)):  # type: ignore[attr-defined]
             blocks.append(block)
+            size += len(block)
     return b"".join(blocks)
 
 

@@ -80,9 +80,9 @@ class Config(BaseModel):
 
     without: tuple[Literal["gaps", "faults", "loosely", "proposals", "deskewing", "off_map", "memory"], ...] = Field(
         (),
-        description="Parts that are left out, to see what they are good for: gaps as events, faults of the wheels, "
-        "particles that follow the laser loosely, poses that the scan proposes, beams put right in time; land off the "
-        "map, and the memory of what the log has shown of the world.",
+        description="Parts of the filter that are left out, to see what they are good for: gaps as events, "
+        "faults of the wheels, particles that follow the laser loosely, poses that the scan proposes, "
+        "beams put right in time, land that the map does not know, and the memory of what the log has shown.",
     )
 
     # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
@@ -282,6 +282,8 @@ def _read(source: str | Path) -> dict[str, Any]:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"
         raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
+    except Exception as error:  # numbers, dates and keys that Python cannot hold
+        raise MclError(f"not YAML: {error}", path=path) from error
     if values is None:
         return {}
     if not isinstance(values, Mapping):
@@ -291,11 +293,10 @@ def _read(source: str | Path) -> dict[str, Any]:
 
 def _yaml_value(text: str, where: str) -> Any:
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
     try:
         return YAML(typ="safe").load(text)
-    except YAMLError as error:
+    except Exception as error:  # YAMLError, and what Python cannot hold
         raise MclError(f"{where}: the value is not YAML") from error
 
 

@@ -1,7 +1,8 @@
 """The only place that knows stdout and stderr: people read stderr, programs read stdout.
 
 Progress and tables go to stderr; ``--json`` and final paths go to stdout. Colours follow NO_COLOR and whether
-somebody is looking. rich is imported when the first thing is shown, so that ``--help`` stays quick.
+somebody is looking. What a terminal might obey is written out, for names are other people's. rich is imported when the
+first thing is shown, so that ``--help`` stays quick.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
+from pipeline.printable import one_line, printable
+
 T = TypeVar("T")
 
 
 def note(text: str) -> None:
     """A line for people, on stderr."""
-    print(text, file=sys.stderr, flush=True)
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 def error(text: str) -> None:
@@ -24,12 +27,12 @@ def error(text: str) -> None:
     prefix = "error:"
     if _colour():
         prefix = f"\x1b[1;31m{prefix}\x1b[0m"
-    print(prefix, text, file=sys.stderr, flush=True)
+    print(prefix, one_line(text), file=sys.stderr, flush=True)
 
 
 def result(text: str) -> None:
     """A line for programs (and the last one for people), on stdout."""
-    print(text, flush=True)
+    print(printable(text), flush=True)
 
 
 def emit_json(value: Any) -> None:
@@ -41,12 +44,14 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], *, 
     """A table for people: the first column left, the others right. On stderr unless it is the command's answer."""
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    sheet = Table(title=title, title_justify="left")
+    # As texts, in which nothing is markup: names are other people's.
+    sheet = Table(title=Text(printable(title), style="table.title"), title_justify="left")
     for i, column in enumerate(columns):
         sheet.add_column(column, justify="left" if i == 0 else "right", overflow="fold")
     for row in rows:
-        sheet.add_row(*row)
+        sheet.add_row(*(Text(one_line(cell)) for cell in row))
     stream = sys.stdout if stdout else sys.stderr
     width = None if stream.isatty() else 120
     Console(file=stream, width=width, highlight=False).print(sheet)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pipeline.printable import one_line
+
 
 class MclError(Exception):
     """Bad input or an impossible request, told in one line.
@@ -25,4 +27,4 @@ class MclError(Exception):
     def __str__(self) -> str:
         place = "" if self.path is None else f"{self.path}:{self.line}: " if self.line is not None else f"{self.path}: "
         hint = f" ({self.hint})" if self.hint else ""
-        return f"{place}{self.message}{hint}"
+        return one_line(f"{place}{self.message}{hint}")

@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from pipeline.errors import MclError
 
+_LARGEST: Final = 1e300
 KEY: Final = "ros__parameters"
 """Below this key are the parameters of a ROS 2 node, in any of its parameter files."""
 NODE: Final = "amcl"
@@ -143,7 +144,7 @@ class _File:
 
     def number(self, name: str) -> float:
         value = self.get(name)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
             raise MclError(f"{name}: expected a number, got {value!r}", path=self.path)
         return float(value)
 

@@ -18,8 +18,8 @@ from pipeline.config import dump_config, load_config, preset_names
 from pipeline.errors import MclError
 
 COMMANDS = (
-    "demo", "convert", "localize", "inspect", "view", "compare", "evaluate", "tune", "odometry", "simulate", "export",
-    "share", "config", "bench",
+    "demo", "convert", "check", "localize", "inspect", "view", "compare", "evaluate", "tune", "odometry", "simulate",
+    "export", "share", "config", "bench",
 )  # fmt: skip
 
 

@@ -6,14 +6,20 @@ import atexit
 import gc
 import signal
 import sys
+import threading
 from types import FrameType
 from typing import Annotated, Any
+
+if _loading := threading.current_thread() is threading.main_thread():
+    # Whoever thinks better of it while this loads sees no traceback.
+    _interrupt = signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 import typer
 from typer.core import TyperGroup
 
 from pipeline import __version__, console
 from pipeline.cli.benching import bench
+from pipeline.cli.checking import check
 from pipeline.cli.comparing import compare, view
 from pipeline.cli.evaluation import evaluate
 from pipeline.cli.exporting import export
@@ -25,7 +31,7 @@ from pipeline.cli.sharing import share
 from pipeline.cli.tuning import tune
 from pipeline.errors import MclError
 
-BAD_INPUT, INTERRUPTED = 1, 130
+BAD_INPUT, INTERRUPTED, TERMINATED = 1, 130, 128 + signal.SIGTERM
 
 
 class _Commands(TyperGroup):
@@ -46,6 +52,10 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             console.error("interrupted")
             raise typer.Exit(INTERRUPTED) from None
+        except SystemExit as end:
+            if end.code == TERMINATED:
+                console.error("terminated")
+            raise
         raise typer.Exit(BAD_INPUT)
 
     def list_commands(self, _: Any) -> list[str]:
@@ -63,6 +73,7 @@ app = typer.Typer(
 for command in (
     demo,
     convert,
+    check,
     localize,
     inspect,
     view,
@@ -94,6 +105,10 @@ def _about(
     """A laser-and-odometry log and a map go in; a recording comes out that shows how the lost robot was found."""
 
 
+if _loading:
+    signal.signal(signal.SIGINT, _interrupt)
+
+
 def main() -> None:
     """Run `mcl`. Exit codes: 0, 1 bad input, 2 bad usage, 3 a requested limit failed, 130 Ctrl-C, 143 SIGTERM."""
     signal.signal(signal.SIGTERM, _terminate)
@@ -101,7 +116,14 @@ def main() -> None:
     # a tenth of a short run, and to look once more at the end, when all goes anyway, another 0.15 s.
     gc.set_threshold(100_000, 20, 50)
     atexit.register(gc.freeze)
-    app(prog_name="mcl")
+    try:
+        app(prog_name="mcl")
+    except KeyboardInterrupt:  # before a command was begun, or after it had ended
+        console.error("interrupted")
+        sys.exit(INTERRUPTED)
+    finally:  # All is done: an exception while Python ends would be a fatal error, in which it dumps its core.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
 
 
 def _terminate(number: int, _: FrameType | None) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline import console
+from pipeline.printable import one_line
 
 if TYPE_CHECKING:
     from pipeline.export.run import Run
@@ -18,19 +19,20 @@ if TYPE_CHECKING:
 def facts(title: str, rows: Sequence[tuple[str, str]]) -> str:
     """A title, and below it names and values, aligned."""
     width = max(len(name) for name, _ in rows)
-    return "\n".join([title, *(f"  {name:<{width}}  {value}" for name, value in rows)])
+    return "\n".join([one_line(title), *(f"  {name:<{width}}  {one_line(value)}" for name, value in rows)])
 
 
 def columns(title: str, rows: Sequence[Sequence[str]], heading: Sequence[str] = ()) -> str:
     """A title, and below it texts in columns as wide as their longest; numbers (and units) to the right, words left."""
     right = [all(cell[:1] in "-0123456789" for cell in column) for column in zip(*rows, strict=True)]
+    rows = [[one_line(cell) for cell in row] for row in rows]
     shown = [heading, *rows] if heading else rows
     widths = [max(map(len, column)) for column in zip(*shown, strict=True)]
     lines = [
         "  ".join(f"{cell:>{w}}" if r else f"{cell:<{w}}" for cell, w, r in zip(row, widths, right, strict=True))
         for row in shown
     ]
-    return "\n".join([title, *(f"  {line}".rstrip() for line in lines)])
+    return "\n".join([one_line(title), *(f"  {line}".rstrip() for line in lines)])
 
 
 def percent(share: float) -> str:

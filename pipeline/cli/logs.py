@@ -19,6 +19,7 @@ from pipeline.cli.parameters import (
 from pipeline.cli.reading import Reading, reads_logs
 from pipeline.errors import MclError
 from pipeline.outputs import check_folder, check_suffix, refuse_existing
+from pipeline.printable import one_line
 
 YAML = (".yaml", ".yml")
 
@@ -127,10 +128,10 @@ def convert(
     ]
     console.note(facts(", ".join(log.name for log in logs), rows))
     for remark in report.remarks:
-        console.note(f"note: {remark}")
+        console.note(one_line(f"note: {remark}"))
     if map_path is not None:
         for remark in read_map(map_path).remarks:
-            console.note(f"note: {map_path}: {remark}")
+            console.note(one_line(f"note: {map_path}: {remark}"))
     if ground_truth is not None:
         _doubt_truth(report.output)
     console.result(str(report.output))
@@ -221,7 +222,7 @@ def _convert_map(source: Path, output: Path, mode: MapMode, force: bool) -> None
     ]
     console.note(facts(source.name, rows))
     for remark in grid.remarks:
-        console.note(f"note: {remark}")
+        console.note(one_line(f"note: {remark}"))
     graded = float(((grid.occupancy > 0.01) & (grid.occupancy < 0.99)).sum() / max(grid.known.sum(), 1))
     if mode is MapMode.trinary and graded > 0.01:
         console.note(f"note: {percent(graded)} of what is known is neither sure nor free; --mode raw keeps such shades")

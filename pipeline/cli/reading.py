@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from pipeline import console
+from pipeline.printable import one_line
 
 if TYPE_CHECKING:
     from pipeline.logs.messages import Log
@@ -51,6 +51,10 @@ _OPTIONS: dict[str, Any] = {
         str | None,
         typer.Option(metavar="X,Y,YAW", help="The laser on the robot (m, rad), where no transform says it."),
     ],
+    "tf": Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.yaml", help="Static transforms, as `ros2 topic echo /tf_static` prints them."),
+    ],
     "stamps": Annotated[
         Stamps | None,
         typer.Option(help="With log, messages count from when they were written down, whatever clock stamped them."),
@@ -68,16 +72,20 @@ class Reading:
     odom_frame: str | None = None
     laser_frame: str | None = None
     laser_pose: str | None = None
+    tf: Path | None = None
     stamps: Stamps | None = None
 
     @property
     def names(self) -> Names:
         """The same for whoever reads."""
         from pipeline.logs.recorded import Names
+        from pipeline.logs.transforms_file import read_transforms
 
         frames = (self.scan_topic, self.odom_topic, self.base_frame, self.odom_frame, self.laser_frame)
         pose = parse_pose(self.laser_pose)
-        return Names(*frames, laser_pose=pose, stamps=None if self.stamps is None else self.stamps.value)
+        given = () if self.tf is None else read_transforms(self.tf)
+        stamps = None if self.stamps is None else self.stamps.value
+        return Names(*frames, laser_pose=pose, stamps=stamps, transforms=given)
 
 
 def reads_logs(command: Callable[..., None]) -> Callable[..., None]:
@@ -120,23 +128,14 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
     A raw log, or a bag, is converted first, into the cache.
     """
     from converters import read_map
-    from converters.cached import converted
-    from pipeline.logs import schema
-    from pipeline.logs.reader import read_log
+    from converters.cached import read
 
-    names = reading.names
     grid = None if map_path is None else read_map(map_path)
     for remark in () if grid is None else grid.remarks:
-        console.note(f"note: {map_path}: {remark}")
-    if (into := converted(path, names)) is None:
-        log = read_log(path, grid, names)
-        remarks = log.metadata[schema.READER].get("remarks", "[]")
-    else:
-        console.note(f"note: {path}: read as a {into.format}, by way of {into.mcap}")
-        log = read_log(into.mcap, grid)
-        log = replace(log, name=into.name, path=path, sha256=into.sha256, converted=into.mcap)
-        own = log.metadata[schema.READER].get("remarks", "[]")
-        remarks = json.dumps([*json.loads(log.metadata[schema.SOURCE].get("remarks", "[]")), *json.loads(own)])
-    for remark in json.loads(remarks):
-        console.note(f"note: {path}: {remark}")
-    return log
+        console.note(one_line(f"note: {map_path}: {remark}"))
+    opened = read(path, grid, reading.names)
+    if opened.mcap is not None:
+        console.note(f"note: {path}: read as a {opened.format}, by way of {opened.mcap}")
+    for remark in opened.remarks:
+        console.note(one_line(f"note: {path}: {remark}"))
+    return opened.log

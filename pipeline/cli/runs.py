@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
+from pipeline.cli.checking import warn
 from pipeline.cli.lines import columns, facts, note_damage
 from pipeline.cli.parameters import (
     ConfigOption,
@@ -113,6 +114,7 @@ def localize(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
         seen=seen, passes=passes,
     )  # fmt: skip
+    warn(opened, effective)  # not before: where the run itself refuses something, that is the one line
     if as_json:
         written = {} if mcap is None else {"mcap": str(mcap)}
         console.emit_json({"folder": str(run.folder.path), **written, **run.to_dict()})

@@ -75,6 +75,7 @@ class ParticleFilter:
         self._motion: Motion | None = None
         self._memory: Memory | None = None
         self._shown = 0
+        self._off = 0.0
         if self._sensor.world is not None and "memory" not in config.without:
             self._memory = Memory(self._sensor.world, laser, seen)
         self.hindsight = Hindsight(grid, config)
@@ -101,7 +102,7 @@ class ParticleFilter:
                 self._start(scan, reading)
             else:
                 prior = motion_prior(self._motion, motion, self._config)
-                if self._sensor.off_map(self._belief.particles.poses, self._belief.particles.weights) > OFF:
+                if self._off > OFF:
                     prior = prior.exactly
                 resampled, takeover = self._advance(scan, reading, motion, prior)
             self._motion = motion
@@ -199,7 +200,7 @@ class ParticleFilter:
         at_x, at_y, _ = self._grid.to_grid(estimate.pose)
         beams = self._sensor.beams_at(estimate.pose, reading)
         short, through = contradicting_shares(beams)
-        off = self._sensor.off_map(p.poses, p.weights)
+        self._off = off = self._sensor.off_map(p.poses, p.weights)
         clusters = self._clusters(estimate, odds)
         places = tuple(cluster.weight for cluster in clusters)
         changed = motion.unseen is not None or takeover is not None
@@ -238,7 +239,7 @@ class ParticleFilter:
         if self._memory is None or world is None or world.version == self._shown:
             return None
         self._shown = world.version
-        kinds = self._memory.seen.changed()
+        kinds = world.changed
         row, col = np.nonzero(kinds)
         at = np.stack([col + 0.5 - world.margin, row + 0.5 - world.margin, np.zeros(len(row))], axis=1)
         places = self._grid.to_map(at * self._grid.resolution)

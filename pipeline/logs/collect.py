@@ -115,7 +115,7 @@ def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Dri
     scans = decode_scans(messages[scan_topic], names.laser_frame)
     laser = (names.laser_frame or scans.frame).lstrip("/")
     said = [t.name for t in recorded.topics.values() if t.type == schema.TF_TYPE]
-    transforms = Transforms(recorded, of_robot(recorded, scan_topic, said))
+    transforms = Transforms(recorded, of_robot(recorded, scan_topic, said), names.transforms)
     found = find_odometry(recorded, odom_topics, messages, transforms, names, scans, laser, mend)
     odometry, odom, base = found.odometry, found.odom, found.base
     if not base:  # nobody says which frame is the robot's
@@ -197,5 +197,5 @@ def _unplaced(base: str, laser: str, transforms: Transforms) -> MclError:
     remarks = "".join(f"; {said}" for said in transforms.remarks(laser, base.strip("'")))
     return MclError(
         f"no transform from {base} to the laser {laser!r}: {transforms.describe()}{remarks}",
-        "--laser-pose X,Y,YAW says where it is; --base-frame and --laser-frame choose other frames",
+        "--laser-pose X,Y,YAW says where it is, or --tf FILE; --base-frame and --laser-frame choose other frames",
     )

@@ -282,8 +282,10 @@ def _scans_one_by_one(messages: Messages, frame: str | None) -> ScanColumns:
             row[:] = own
         elif len(own) and message.angle_increment:
             turn = 2 * np.pi / abs(message.angle_increment)  # in beams; a full turn may begin anywhere
-            offset = (angles - message.angle_min) / message.angle_increment
-            nearest = np.rint((offset + 0.5) % turn - 0.5).astype(np.int64)
+            with np.errstate(all="ignore"):  # an increment of almost nothing leads nowhere
+                offset = (angles - message.angle_min) / message.angle_increment
+                place = np.nan_to_num(np.rint((offset + 0.5) % turn - 0.5), nan=-1.0, posinf=-1.0, neginf=-1.0)
+            nearest = np.clip(place, -1, len(own)).astype(np.int64)
             inside = (nearest >= 0) & (nearest < len(own))
             row[inside] = own[nearest[inside]]
     constants = (float(angle_min), float(increment), float(range_min), float(range_max))

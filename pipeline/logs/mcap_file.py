@@ -69,6 +69,11 @@ class McapFile:
         """Close the file."""
         self._file.close()
 
+    @property
+    def ros1_topics(self) -> list[str]:
+        """The topics whose messages are ROS 1's."""
+        return list(self._definitions)
+
     def messages(self, names: Collection[str]) -> dict[str, Messages]:
         """All messages of the topics named that the file has; topics without messages are left out."""
         found: dict[str, tuple[list[int], list[int], list[bytes]]] = {}

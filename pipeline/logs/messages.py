@@ -109,6 +109,11 @@ class Log:
         """The .mcap with the log's messages."""
         return self.path if self.converted is None else self.converted
 
+    @property
+    def told(self) -> dict[str, str]:
+        """What its converter and its reader tell of how it was read; where both do, the converter of the source."""
+        return {**self.metadata.get("reader", {}), **self.metadata.get("mcl:source", {})}
+
     def check_copied(self) -> None:
         """Raises MclError if the stamps are not those of the messages in the file, so that it cannot be copied."""
         if self.converted is None and self.metadata.get("reader", {}).get("restamped"):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.logs.stretches import numbered
+from pipeline.logs.transforms_file import GivenTransform
 
 _LISTED = 12  # topics (or transforms) that an error message names
 
@@ -72,7 +73,8 @@ class Names:
     not the frame that the odometry moves. ``odom_frame``: the parent of the transforms that are the odometry.
     ``laser_frame``: one of several lasers on a topic, or the frame that the scans should have named. What a recording
     lacks: ``laser_pose`` (m, m, rad), the laser on the robot, instead of what the transforms say; ``stamps``: "log" for
-    when the messages were written down, where the clocks of those who stamped them disagree, else "header".
+    when the messages were written down, where the clocks of those who stamped them disagree, else "header";
+    ``transforms``: static ones, which count before those of the recording.
     """
 
     scan_topic: str | None = None
@@ -82,6 +84,7 @@ class Names:
     laser_frame: str | None = None
     laser_pose: Pose | None = None
     stamps: str | None = None
+    transforms: tuple[GivenTransform, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,6 +15,7 @@ from pipeline.logs import schema
 from pipeline.logs.columns import PoseColumns, planar_poses
 from pipeline.logs.decode import decode_links
 from pipeline.logs.recorded import Recorded, describe, shortened
+from pipeline.logs.transforms_file import GivenTransform
 
 MOUNT_TOLERANCE = 0.05
 """m, rad: what moves farther than this on the robot is not mounted on it."""
@@ -27,10 +28,14 @@ class Transforms:
     """The transforms of a recording; each frame hangs from one parent, the first that it is said to have.
 
     ``topics``: those to read, where some are of another robot; what the ones with the highest number say counts first.
+    ``given``: static ones of somebody who knows them better than the recording.
     """
 
-    def __init__(self, recorded: Recorded, topics: Mapping[str, int] | None = None) -> None:
+    def __init__(
+        self, recorded: Recorded, topics: Mapping[str, int] | None = None, given: Sequence[GivenTransform] = ()
+    ) -> None:
         self._recorded = recorded
+        self._given = {one.child: _link(one) for one in given}
         self._topics = dict.fromkeys(recorded.topics, 0) if topics is None else topics
         self._remarks: dict[str, list[str]] = {}
 
@@ -40,7 +45,7 @@ class Transforms:
     @cached_property
     def static(self) -> Links:
         """Links by child frame, as said once and for all (/tf_static, also below a namespace)."""
-        return self._read(static=True)
+        return {**self._read(static=True), **self._given}
 
     @cached_property
     def moving(self) -> Links:
@@ -199,6 +204,12 @@ def _matrix(link: PoseColumns) -> Matrix:
     ]
     result[:3, 3] = link.positions[0]
     return result
+
+
+def _link(given: GivenTransform) -> PoseColumns:
+    zero = np.zeros(1, np.int64)
+    place, turn = np.array([given.position]), np.array([given.orientation])
+    return PoseColumns(zero, zero, place, turn, given.parent, given.child)
 
 
 def _along(links: Links, frame: str, base: str, odom: str) -> Matrix | None:

@@ -12,6 +12,7 @@ from pipeline.geometry import quaternion_to_yaw, yaw_to_quaternion
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.stamps import format_stamp, parse_stamp
 
+_FARTHEST, _LATEST = 1e100, 2**63 - 1
 LINES = "TUM lines: stamp x y z qx qy qz qw"
 
 
@@ -36,7 +37,9 @@ def read_tum(path: Path, frame: str = "map") -> Trajectory:
             raise MclError(f"not a number: {error}", path=path, line=number) from error
         if not all(map(math.isfinite, row)):
             raise MclError("NaN or an infinite number in a pose", path=path, line=number)
-        if not any(row[3:]):
+        if max(map(abs, row)) > _FARTHEST or abs(stamp) > _LATEST:
+            raise MclError("a number that no pose has", path=path, line=number)
+        if not sum(part * part for part in row[3:]):
             raise MclError("the quaternion has length zero", path=path, line=number)
         if stamps and stamp <= stamps[-1]:
             raise MclError("the stamps do not increase", path=path, line=number)

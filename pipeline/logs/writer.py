@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import __version__
+from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.logs import schema
 from pipeline.logs.columns import GyroscopeColumns, PoseColumns, ScanColumns, planar_poses
@@ -47,9 +48,14 @@ def write_log(
 
     ``laser_pose``: in the plane, or a 4x4 matrix where the laser hangs upside down. ``gyroscope``: its frame, if it
     has one, is written as lying at the centre of base_link. ``scan_time``: seconds from scan to scan, 0 if unknown.
-    Stamps must not be negative. The file appears under its name when it is complete; a file that was there before
-    survives a failure. Raises MclError if it cannot be written.
+    The file appears under its name when it is complete; a file that was there before survives a failure. Raises
+    MclError if it cannot be written, and for stamps before 1970, which an .mcap has no place for.
     """
+    start = int(min(columns.stamps.min() for columns in (scans, odometry, gyroscope) if columns is not None))
+    if start < 0:
+        raise MclError(
+            f"a stamp of {start / 1e9:.3f} s is before 1970", "--stamps log takes when they were written down"
+        )
     start = int(min(columns.stamps.min() for columns in (scans, odometry) if columns is not None))
     base = schema.BASE_FRAME if odometry is None else odometry.child_frame
     truth = _truth_columns(ground_truth)
@@ -87,10 +93,18 @@ def pack_grid(grid: OccupancyGrid) -> bytes:
 
 
 def unpack_grid(data: bytes) -> OccupancyGrid:
-    """The map from the attachment that ``pack_grid`` made."""
-    with np.load(io.BytesIO(data)) as cells:
-        x, y, yaw = cells["origin"].tolist()
-        return OccupancyGrid(cells["occupancy"], float(cells["resolution"]), (x, y, yaw))
+    """The map from the attachment that ``pack_grid`` made. Raises MclError if it is damaged."""
+    try:
+        with np.load(io.BytesIO(data)) as cells:
+            x, y, yaw = map(float, cells["origin"].tolist())
+            grid = OccupancyGrid(cells["occupancy"], float(cells["resolution"]), (x, y, yaw))
+        known = grid.occupancy[grid.known]
+        sound = grid.occupancy.ndim == 2 and grid.resolution > 0.0 and np.isfinite([grid.resolution, x, y, yaw]).all()
+        if not sound or not ((known >= 0.0) & (known <= 1.0)).all():
+            raise ValueError("numbers that no map has")
+    except Exception as error:  # numpy raises whatever it stumbles over
+        raise MclError("the map that travels in this file is damaged", "give it with --map") from error
+    return grid
 
 
 def _write(

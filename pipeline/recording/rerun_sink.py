@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import tempfile
 import time
 from functools import partial
 from pathlib import Path
@@ -22,6 +23,7 @@ from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.faults import without_leaps
+from pipeline.outputs import told
 from pipeline.recording import documents, entities, palette
 from pipeline.recording.blueprint import blueprint, known_area
 from pipeline.recording.columns import (
@@ -47,6 +49,8 @@ from pipeline.recording.witnesses import Hearing
 Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
 
 BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
+ROOM = 1_000_000
+"""Bytes that must be free: rerun waits for ever where not even the layout of its views can be written."""
 HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
@@ -77,6 +81,9 @@ class RerunSink:
             raise MclError("this recording exists already and is never overwritten", path=self.path)
         if not self.path.parent.is_dir():
             raise MclError("the recording's folder does not exist", path=self.path.parent)
+        with told(self.path), tempfile.TemporaryFile(dir=self.path.parent) as probe:
+            probe.write(bytes(ROOM))
+            probe.flush()
         self._log, self._config, self._seed = log, config, seed
         self._odometry = without_leaps(log.times, log.odometry)
         self._frames: list[Frame] = []
@@ -114,7 +121,11 @@ class RerunSink:
         self._log_styles()
         self._log_documents(density)
         self._log_truth()
-        self._wait()  # what a killed run leaves shall say which run it was
+        try:
+            self._wait()  # what a killed run leaves shall say which run it was
+        except MclError:
+            self._stream.disconnect()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -176,16 +187,19 @@ class RerunSink:
         try:
             self._flush()
         finally:
-            self._wait()
-            self._stream.disconnect()
+            try:
+                self._wait()
+            finally:
+                self._stream.disconnect()
 
     def _wait(self) -> None:
         """Until all is written; a viewer that somebody closed meanwhile is no reason to lose the run."""
         try:
             self._stream.flush()
-        except RuntimeError:
+        except RuntimeError as error:
             if not self._viewed:
-                raise
+                said = "no more can be written: the disk is full, or somebody took the folder away"
+                raise MclError(said, "the run is not kept", path=self.path) from error
 
     def _flush(self) -> None:
         # Built first, then sent one by one: an interrupt in between loses nothing, close() sends the rest.

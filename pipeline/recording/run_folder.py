@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,8 @@ from pipeline.logs.tum import write_tum
 from pipeline.world.seen import MEMORY
 
 RECORDINGS = Path("recordings")
+CLAIMED = ".claimed.part"
+"""In a folder that somebody named, until the configuration is there: of two runs that begin at once one has it."""
 RECORDING, TRAJECTORY, CONFIG, RUN = "run.rrd", "trajectory.tum", "config.yaml", "run.json"
 
 
@@ -56,6 +59,7 @@ class RunFolder:
         """Saves the effective configuration, below lines of comment; ``load_config`` reads it back."""
         comment = "".join(f"# {_printable(line)}".rstrip() + "\n" for line in heading)
         _write_new(self.config, comment + dump_config(config))
+        (self.path / CLAIMED).unlink(missing_ok=True)
 
     def write_trajectory(self, trajectory: Trajectory) -> None:
         """Saves the estimate at every scan."""
@@ -94,7 +98,23 @@ def create(log_name: str, output: Path | str | None = None, *, root: Path | str 
 def _claim(path: Path) -> Path:
     if path.exists() and not (path.is_dir() and not any(path.iterdir())):
         raise MclError("the output exists and is not an empty folder", "runs are never overwritten", path=path)
-    path.mkdir(parents=True, exist_ok=True)
+    if path.exists():
+        try:
+            (path / CLAIMED).touch(exist_ok=False)
+        except FileExistsError as error:
+            raise MclError("another run has just begun in this folder", "name another one", path=path) from error
+        return path
+    fresh = path.with_name(f".{path.name}.{os.getpid()}.part")
+    fresh.mkdir(parents=True)
+    try:
+        (fresh / CLAIMED).touch()
+        fresh.rename(path)  # fails if another run was quicker: its folder is not empty
+    except OSError as error:
+        if path.exists():
+            raise MclError("another run has just begun in this folder", "name another one", path=path) from error
+        raise
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
     return path
 
 

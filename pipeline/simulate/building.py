@@ -299,6 +299,8 @@ def load_building(path: Path) -> Building:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"
         raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
+    except Exception as error:  # numbers, dates and keys that Python cannot hold
+        raise MclError(f"not YAML: {error}", path=path) from error
     if not isinstance(tree, dict):
         raise MclError("expected a mapping that describes a building", path=path)
     try:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,8 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 MEMORY = "memory.npz"
 """Name of the file in a run's folder."""
 FREE, WALL, UNKNOWN = 0, 1, 2
+NEW, GONE, FLOOR = 1, 2, 3
+"""How a cell has changed: a wall that the map lacks, a wall that is gone, floor of which the map knows nothing."""
 SEEN_HITS, SEEN_WALL = 2.0, 0.4
 """Scans that must have ended in a cell, and their least share among all that came to it, so that it is a wall."""
 SEEN_PASSES, SEEN_FREE = 3.0, 0.1
@@ -41,48 +45,67 @@ class Seen:
     origin: Pose
     map_sha256: str
 
-    @property
-    def walls(self) -> NDArray[np.bool_]:
-        """Cells in which there is a wall, as far as was seen."""
-        return (self.hits >= SEEN_HITS) & (self.hits > SEEN_WALL * (self.hits + self.passes))
+    @cached_property
+    def box(self) -> tuple[slice, slice]:
+        """Rows and columns of the part in which anything was seen, and SAME around it; empty if nothing was."""
+        touched = self.hits + self.passes > 0.0
+        sides = []
+        for axis in (1, 0):
+            there = np.flatnonzero(touched.any(axis=axis))
+            near = math.ceil(SAME / self.resolution) + 1
+            first, last = (max(int(there[0]) - near, 0), int(there[-1]) + near + 1) if len(there) else (0, 0)
+            sides.append(slice(first, last))
+        return sides[0], sides[1]
 
-    @property
-    def free(self) -> NDArray[np.bool_]:
-        """Cells in which there is none."""
-        return (self.passes >= SEEN_PASSES) & (self.hits < SEEN_FREE * (self.hits + self.passes))
-
-    @property
+    @cached_property
     def kinds(self) -> NDArray[np.uint8]:
-        """(height, width) FREE, WALL or UNKNOWN: as was seen, and as the map has it where nothing was."""
+        """(height, width) FREE, WALL or UNKNOWN: as mapped, but for what has changed.
+
+        A mapped wall is gone only if nothing was hit near it: beams that pass a thin wall's end or graze it would erase
+        walls that stand (docs/world.md).
+        """
         kinds = self.mapped.copy()
-        kinds[self.free] = FREE
-        kinds[self.walls] = WALL
+        part, changed = kinds[self.box], self.changed[self.box]
+        walls, _ = self._shown
+        part[(changed == GONE) | (changed == FLOOR)] = FREE
+        part[(changed == NEW) | (walls & (part == UNKNOWN))] = WALL
         return kinds
 
+    @cached_property
     def changed(self) -> NDArray[np.uint8]:
-        """(height, width): 0 as mapped, 1 a wall that the map lacks, 2 a wall that is gone, 3 floor that was unknown.
+        """(height, width): 0 as mapped, NEW, a wall that the map lacks, GONE, a wall, or FLOOR that was unknown.
 
         Walls that are no farther than SAME from where they were are where they were.
         """
         # Imported here: most runs never come so far.
         from scipy.ndimage import distance_transform_edt
 
-        near, walls, free = SAME / self.resolution, self.walls, self.free
         out = np.zeros(self.mapped.shape, np.uint8)
-        out[free & (self.mapped == UNKNOWN)] = 3
-        if walls.any():
-            mapped_wall = self.mapped == WALL
-            far = distance_transform_edt(~mapped_wall) > near if mapped_wall.any() else np.True_
-            out[walls & far] = 1
-        touched = self.hits >= SEEN_HITS
-        far = distance_transform_edt(~touched) > near if touched.any() else np.True_
-        out[free & (self.mapped == WALL) & far] = 2
+        (walls, free), mapped, near = self._shown, self.mapped[self.box], SAME / self.resolution
+        part = out[self.box]
+        if not part.size:
+            return out
+
+        def far_from(cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
+            return distance_transform_edt(~cells) > near if cells.any() else np.ones(cells.shape, np.bool_)
+
+        part[free & (mapped == UNKNOWN)] = FLOOR
+        part[walls & far_from(mapped == WALL)] = NEW
+        part[free & (mapped == WALL) & far_from(self.hits[self.box] >= SEEN_HITS)] = GONE
         return out
+
+    @cached_property
+    def _shown(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Within the box the cells in which there is a wall, as far as was seen, and those in which there is none."""
+        hits, passes = self.hits[self.box], self.passes[self.box]
+        total = hits + passes
+        return (hits >= SEEN_HITS) & (hits > SEEN_WALL * total), (passes >= SEEN_PASSES) & (hits < SEEN_FREE * total)
 
     def renewed(self) -> OccupancyGrid:
         """The map as it is now: what was seen over what was mapped, cut to what is known."""
-        occupancy = np.where(self.kinds == UNKNOWN, np.nan, self.kinds == WALL).astype(np.float32)
-        rows, columns = np.nonzero(self.kinds != UNKNOWN)
+        kinds = self.kinds
+        occupancy = np.where(kinds == UNKNOWN, np.nan, kinds == WALL).astype(np.float32)
+        rows, columns = np.nonzero(kinds != UNKNOWN)
         top, left = (int(k.min()) for k in (rows, columns)) if len(rows) else (self.margin, self.margin)
         bottom, right = (int(k.max()) + 1 for k in (rows, columns)) if len(rows) else (top + 1, left + 1)
         x, y, yaw = self.origin

@@ -27,16 +27,19 @@ MOST = 20.0
 class World:
     """Rasters of FREE, WALL and UNKNOWN cells, the map's with MARGIN around it (``margin``, in cells).
 
-    ``mapped`` (height, width) uint8: as the map has it; ``kinds``: with what the log has shown. What scans say is
-    counted by ``look``; it speaks from the next ``renew`` on. ``version`` counts how often it changed.
+    ``mapped`` (height, width) uint8: as the map has it; ``kinds``: with what the log has shown, which is in the rows
+    and columns ``box``; ``changed``: how, as in ``Seen``. What scans say is counted by ``look``; it speaks from the
+    next ``renew`` on. ``version`` counts how often it changed.
     """
 
     def __init__(self, grid: OccupancyGrid, threshold: float, scale: RangeCodes, width: int) -> None:
         self._grid, self._scale, self._width = grid, scale, width
+        self.resolution = grid.resolution
         self.margin = math.ceil(MARGIN / grid.resolution)
         mapped = np.where(grid.known, grid.occupied(threshold), UNKNOWN).astype(np.uint8)
         self.mapped = np.pad(np.ascontiguousarray(mapped), self.margin, constant_values=UNKNOWN)
-        self.kinds = self.mapped
+        self.kinds, self.box = self.mapped, (slice(0, 0), slice(0, 0))
+        self.changed = np.zeros_like(self.mapped)
         self.version = 0
         self._scans = 0
         self._before: Seen | None = None
@@ -80,9 +83,10 @@ class World:
 
     def renew(self) -> None:
         """Let what was counted speak."""
-        kinds = self.seen.kinds
+        seen = self.seen
+        kinds = seen.kinds
         if not np.array_equal(kinds, self.kinds):
-            self.kinds = kinds
+            self.kinds, self.box, self.changed = kinds, seen.box, seen.changed
             self.version += 1
             self._cast()
 

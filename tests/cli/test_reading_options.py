@@ -17,7 +17,16 @@ from recordings import Recording
 
 FEW = ("--particles", "50", "--pose", "2,2,0", "--no-record")
 MAP = ("--map", str(sample_dir() / "office.dat.gz"))
-OPTIONS = ("--scan-topic", "--odom-topic", "--base-frame", "--odom-frame", "--laser-frame", "--laser-pose", "--stamps")
+OPTIONS = (
+    "--scan-topic",
+    "--odom-topic",
+    "--base-frame",
+    "--odom-frame",
+    "--laser-frame",
+    "--laser-pose",
+    "--tf",
+    "--stamps",
+)
 
 
 def mcl(*typed: object, code: int = 0) -> tuple[str, str]:
@@ -26,7 +35,7 @@ def mcl(*typed: object, code: int = 0) -> tuple[str, str]:
     return done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("command", ["convert", "localize", "evaluate", "tune", "odometry", "view"])
+@pytest.mark.parametrize("command", ["convert", "check", "localize", "evaluate", "tune", "odometry", "view"])
 def test_every_command_that_reads_a_log_has_the_same_options(command: str) -> None:
     shown, _ = mcl(command, "--help")
     assert [option for option in OPTIONS if option not in shown] == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import gzip
 import json
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from cmu_samples import small_log, write_lines
 from drives import moments
 
-from converters import convert
+from converters import convert, text
 from converters.carmen_text import parse_carmen
 from converters.cmu import JOIN_GAP, export_raw
 from converters.cmu_text import format_lines, read_log_text
@@ -228,3 +229,15 @@ def test_a_packed_log_that_was_cut(tmp_path: Path) -> None:
     log, said = converted(tmp_path / "a.clf.bz2", tmp_path)
     assert 60 < len(log) < 1200
     assert "this bzip2 file is cut or damaged: read as far as it goes" in said
+
+
+def test_a_small_file_that_unpacks_to_more_than_any_log_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(text, "MOST", 10_000)
+    for name, pack in (("a.log.gz", gzip.compress), ("a.log.bz2", bz2.compress)):
+        (tmp_path / name).write_bytes(pack(b"O 0 0 0 0.0\n" * 1000))
+        with pytest.raises(MclError, match="unpacks to more than"):
+            text.read_log_bytes(tmp_path / name)
+    with pytest.raises(MclError, match="unpacks to more than"):
+        text.read_bytes(tmp_path / "a.log.gz")
