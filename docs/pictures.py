@@ -36,6 +36,8 @@ PICTURES = Path(__file__).with_name("pictures")
 CARRIED_OFF = (40.0, 60.0)
 BACKWARDS = (50.0, 56.0)
 WITNESSES_TAB = 2
+PART, PART_AT, OFF_THE_MAP = 8.0, 45.0, 47.0
+"""m, s, s: side of the square that a map lacks, when the robot is in its middle, and when it is looked at."""
 SIZE = (1440, 782)
 BROWSER_FRAME = 90  # rows that a window has beside its page, some of them
 TITLE_BAR = 38  # rows of the viewer's own window that say nothing about a run
@@ -68,12 +70,30 @@ def main() -> None:
             take(run.path, at, PICTURES / f"{name}.png")
             browse(run.path, at, PICTURES / f"page_{name}.png")
             print(f"{name}: {run.pose_at(at).time:.1f} s")
+        part = without_a_part(read_log(Path(folder) / "office.mcap"))
+        made = create("off_map", Path(folder) / "off_map")
+        replay(part, load_config(), made)
+        take(made.recording, OFF_THE_MAP, PICTURES / "off_map.png")
         wrong = wheels_backwards(read_log(Path(folder) / "office.mcap"))
         made = create("witnesses", Path(folder) / "witnesses")
         replay(wrong, load_config(), made)
         run, front = read_run(made.path), Path(folder) / "witnesses.rrd"
         write_run(front, Shown(run.name, run.file, run.scenes), tab=WITNESSES_TAB)
         take(front, BACKWARDS[1] - 1.0, PICTURES / "witnesses.png")
+
+
+def without_a_part(log: Log) -> Log:
+    """The same drive, but the map knows nothing of a square in which the robot is for half a minute."""
+    grid, truth = log.grid, log.ground_truth
+    assert grid is not None
+    assert truth is not None
+    x, y, _ = grid.to_grid(truth.poses[np.searchsorted(truth.stamps, log.stamps[0] + int(PART_AT * 1e9))])
+    occupancy, reach = grid.occupancy.copy(), PART / 2
+    rows, columns = (
+        slice(max(0, int((v - reach) / grid.resolution)), int((v + reach) / grid.resolution)) for v in (y, x)
+    )
+    occupancy[rows, columns] = np.nan
+    return dataclasses.replace(log, grid=dataclasses.replace(grid, occupancy=occupancy), name="office_incomplete")
 
 
 def wheels_backwards(log: Log) -> Log:
