@@ -65,6 +65,13 @@ class Judge:
 
     def judge(self, signs: Signs) -> Verdict:
         """The verdict on one scan."""
+        share, worth, since = self.regressors(signs)
+        score = PRIOR + SHARE * share + WORTH * worth + PROVED * since
+        probability = 1.0 / (1.0 + math.exp(-min(max(score, -20.0), 20.0)))
+        return Verdict(_kind(signs, probability), probability)
+
+    def regressors(self, signs: Signs) -> tuple[float, float, float]:
+        """What SHARE, WORTH and PROVED weigh, of one scan and of those before it."""
         if signs.moved or self._time is None:
             self._worth = self._slowly = signs.worth
             self._proved = -math.inf
@@ -77,9 +84,7 @@ class Judge:
             self._proved = signs.time
         share = min(max(signs.weight, 0.001), 0.999)
         since = min(signs.time - self._proved, FORGOTTEN)
-        score = PRIOR + SHARE * math.log(share / (1.0 - share)) + WORTH * self._worth + PROVED * math.log1p(since)
-        probability = 1.0 / (1.0 + math.exp(-min(max(score, -20.0), 20.0)))
-        return Verdict(_kind(signs, probability), probability)
+        return math.log(share / (1.0 - share)), self._worth, math.log1p(since)
 
 
 def _kind(signs: Signs, probability: float) -> Kind:
