@@ -82,7 +82,7 @@ def test_what_was_seen_there_becomes_floor_and_walls(
     way = renewed.to_grid(drive.ground_truth.poses[unknown])
     column, row = np.floor(way[:, :2].T / renewed.resolution).astype(int)
     assert (renewed.occupancy[row, column] == 0.0).mean() > 0.9
-    rows, cols = np.nonzero(seen.changed() == 1)
+    rows, cols = np.nonzero(seen.changed == 1)
     assert len(rows) > 50
     at = drive.grid.to_map(
         np.stack([cols + 0.5 - seen.margin, rows + 0.5 - seen.margin, 0 * cols], axis=1) * seen.resolution

@@ -46,7 +46,7 @@ def counts(**cells: float) -> np.ndarray:
 
 def test_nothing_seen_is_as_mapped() -> None:
     nothing = seen()
-    assert not nothing.changed().any()
+    assert not nothing.changed.any()
     np.testing.assert_array_equal(nothing.kinds, nothing.mapped)
 
 
@@ -72,7 +72,7 @@ def test_how_many_scans_take_a_wall_away(hits: float, passes: float, kind: int) 
 def test_new_walls_gone_walls_and_new_floor_are_told_apart() -> None:
     hits, passes = counts(c8_8=5.0), np.zeros((18, 26))
     passes[5, 14:24] = 6.0  # through the wall, and on through what was unknown
-    found = seen(hits, passes).changed()
+    found = seen(hits, passes).changed
     expected = np.zeros((18, 26), np.uint8)
     expected[8, 8], expected[5, 15], expected[5, 16:24] = NEW_WALL, GONE, NEW_FLOOR
     np.testing.assert_array_equal(found, expected)
@@ -82,17 +82,17 @@ def test_a_wall_that_is_almost_where_it_was_is_where_it_was() -> None:
     """Maps are drawn no better: seen two cells before the mapped one, which beams pass, it has not moved."""
     hits, passes = np.zeros((18, 26)), np.zeros((18, 26))
     hits[3:15, 13], passes[3:15, 15] = 9.0, 9.0
-    assert not seen(hits, passes).changed().any()
+    assert not seen(hits, passes).changed.any()
     # A metre before it, it is another one, and the mapped one is gone.
     hits[:, 13], hits[3:15, 5] = 0.0, 9.0
-    found = seen(hits, passes).changed()
+    found = seen(hits, passes).changed
     assert set(found[3:15, 5]) == {NEW_WALL}
     assert set(found[3:15, 15]) == {GONE}
 
 
 def test_on_a_map_without_walls_every_wall_is_new() -> None:
     bare = dataclasses.replace(seen(counts(c8_8=5.0)), mapped=np.full((18, 26), UNKNOWN, np.uint8))
-    assert np.argwhere(bare.changed()).tolist() == [[8, 8]]
+    assert np.argwhere(bare.changed).tolist() == [[8, 8]]
 
 
 # --- the renewed map -------------------------------------------------------------------------------------------------
@@ -144,9 +144,9 @@ def test_of_nothing_known_there_is_a_map_of_one_unknown_cell() -> None:
 def test_what_two_runs_saw_adds_up() -> None:
     once = seen(counts(c8_8=1.0), counts(c5_15=2.0))
     both = once.merged(once)
-    assert not once.changed().any()
-    assert both.changed()[8, 8] == NEW_WALL
-    assert both.changed()[5, 15] == GONE
+    assert not once.changed.any()
+    assert both.changed[8, 8] == NEW_WALL
+    assert both.changed[5, 15] == GONE
 
 
 def test_runs_on_different_maps_do_not_add_up() -> None:
