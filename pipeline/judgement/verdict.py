@@ -20,9 +20,12 @@ SMOOTH, SLOWLY = 2.0, 20.0
 """s over which what the beams are worth is smoothed: one scan may see a crowd; and a place proves right slowly."""
 GOOD = 1.1
 """Nats a beam by which a place must explain the scans better than chance, over both, to prove right."""
+SETTLED = 2.0
+"""s for which the estimate must have held SURE of it all until its place can prove right: one good scan proves nothing,
+least of all the one in which another place takes over."""
 FORGOTTEN = 200.0
 """s after which it says nothing more that a place had proved right."""
-PRIOR, SHARE, WORTH, PROVED = 5.5, 0.27, 1.7, -1.55
+PRIOR, SHARE, WORTH, PROVED = 3.42, 0.24, 1.66, -1.11
 """Logistic regression of "within 0.5 m and 10 degrees" on the signs: constant, logit of the estimate's share, nats a
 beam, and the logarithm of the seconds since the place had proved right; all runs weigh the same (docs/verdict.md)."""
 
@@ -62,6 +65,7 @@ class Judge:
         self._worth = self._slowly = 0.0
         self._time: float | None = None
         self._proved = -math.inf
+        self._contested = 0.0
 
     def judge(self, signs: Signs) -> Verdict:
         """The verdict on one scan."""
@@ -80,7 +84,9 @@ class Judge:
             self._worth += -math.expm1(-seconds / SMOOTH) * (signs.worth - self._worth)
             self._slowly += -math.expm1(-seconds / SLOWLY) * (signs.worth - self._slowly)
         self._time = signs.time
-        if signs.weight > SURE and min(self._worth, self._slowly) > GOOD:
+        if signs.moved or signs.weight <= SURE:
+            self._contested = signs.time
+        if signs.time - self._contested > SETTLED and min(self._worth, self._slowly) > GOOD:
             self._proved = signs.time
         share = min(max(signs.weight, 0.001), 0.999)
         since = min(signs.time - self._proved, FORGOTTEN)

@@ -95,7 +95,7 @@ def test_a_beam_that_ends_in_the_unknown_is_worth_what_it_is_on_average(land: La
 
 
 def test_a_beam_that_meets_a_mapped_wall_through_the_unknown_speaks_for_it(land: Land) -> None:
-    """It has to come through, and then it is as probable as anywhere on the map; what ends behind it is worth little."""
+    """It has to come through, and then it is as probable as anywhere on the map; what ends behind it is not."""
     off = land.find(BEYOND)
     assert off is not None
     to_wall = FAR_WALL - 4.05
