@@ -42,7 +42,8 @@ ABREAST = 5
 """Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
-_NOT_OF_THE_INPUT = (*_CONFIGURED, "log", "seed", "threads", "output", "record", "view", "connect", "mcap", "as_json")
+_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found")
+_NOT_OF_THE_INPUT = (*_CONFIGURED, *_SHOWN, "log", "seed", "threads", "output")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
 ThreadsOption = Annotated[
@@ -244,8 +245,10 @@ def _given(context: typer.Context) -> list[str]:
     typed: list[str] = []
     for option in context.command.params:
         value = context.params.get(str(option.name))
-        if option.name not in _NOT_OF_THE_INPUT and value is not None:
-            typed += [option.opts[0], str(value)]
+        if option.name in _NOT_OF_THE_INPUT or value is None or value == option.default:
+            continue
+        for each in value if isinstance(value, list | tuple) else [value]:
+            typed += [option.opts[0], str(each)]
     return typed
 
 

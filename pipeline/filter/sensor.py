@@ -78,6 +78,8 @@ class Sensor:
         self._searched: Posterior | None = None
         self.bias = RangeBias(config, half_thickness)
         self._agnostic = Agnostic(max_range)
+        weights = config.z_hit + config.z_short + config.z_max + config.z_rand + config.z_long
+        self._measure = weights if not math.isclose(weights, 1.0) else 1.0
         self._unknown: Unknown | None = None
         self.world: World | None = None
         if self._field is None and self._expected.table is not None and "off_map" not in config.without:
@@ -91,7 +93,8 @@ class Sensor:
         ranges = self._model.correct(scan[self._beams], self.bias.value)
         rows, outside = self._model.scan_rows(ranges), self._model.outside(ranges)
         self._agnostic.learn(ranges)
-        agnostic = self._agnostic.density(ranges)
+        # In the model's own measure: its weights need not add up to one.
+        agnostic = self._agnostic.density(ranges) * self._measure
         if self._field is not None:
             ends = self._field.ends(ranges)
             m = ends.shape[1]

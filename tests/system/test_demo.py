@@ -14,7 +14,7 @@ def test_the_demo_finds_the_robot_again_and_again(mcl: Command, tmp_path: Path) 
     folder = tmp_path / done.stdout.strip()
     assert folder.parent == tmp_path / "recordings" / "office"
     files = {path.name for path in folder.iterdir()} - {"trajectory_hindsight.tum"}
-    assert files == {"office.mcap", "run.rrd", "trajectory.tum", "config.yaml", "run.json"}
+    assert files == {"office.mcap", "run.rrd", "trajectory.tum", "config.yaml", "run.json", "memory.npz"}
     assert re.fullmatch(r"look at it:  \S*rerun recordings/office/.*/run\.rrd", done.stderr.splitlines()[-1])
     assert "times real time" in done.stderr
     truth = json.loads((folder / "run.json").read_text())["truth"]
