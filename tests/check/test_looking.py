@@ -94,7 +94,7 @@ def test_a_laser_that_is_turned_on_its_mount_is_told_by_the_wheels(office: Log) 
 
 
 def test_the_map_of_another_building_is_named(office: Log) -> None:
-    other = draw_map(described("warehouse"), build_world(described("warehouse"), mapped=True), np.random.default_rng(0))
+    other = draw_map(described("apartment"), build_world(described("apartment"), mapped=True), np.random.default_rng(0))
     tried = place(dataclasses.replace(office, grid=other), QUICK)
     assert "No place in the map explains the scans" in said(tried.findings)
 
