@@ -40,8 +40,6 @@ FAR = 0.3
 """m: deviation of a drive that nobody saw, from which on the scan proposes places: particles would be too few."""
 STILL = 5.0
 """How many times as far a robot must have moved that its wheels say stands still."""
-NEAR = 30.0
-"""m: what is farther away is not remembered."""
 NOTABLE = 0.01
 """Probability from which on a rival is shown among the hypotheses."""
 TRUSTED = 0.9
@@ -178,8 +176,8 @@ class ParticleFilter:
             self._memory.moved()
         believed = self._grid.to_grid(step.estimate.pose)
         seen = step.motion.ranges - np.float32(self._sensor.bias.value)
-        seen[~(seen < NEAR)] = np.nan
-        scan = KeyScan(step.time, (0, laser.stretch), laser.pose, seen, believed)
+        seen[np.isinf(seen)] = np.nan  # it may have met glass
+        scan = KeyScan(step.time, laser.stretch, laser.pose, seen, believed)
         self._memory.follow(scan, step.estimate.weight > TRUSTED)
 
     def _step(

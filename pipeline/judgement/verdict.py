@@ -96,6 +96,7 @@ class Judge:
 def _kind(signs: Signs, probability: float) -> Kind:
     if probability >= SURE:
         return "off the map" if signs.off > OFF else "found"
-    if len(signs.places) > 1 and sum(sorted(signs.places, reverse=True)[:FEW]) >= SURE:
+    best = sorted(signs.places, reverse=True)[:FEW]
+    if best and best[0] < SURE <= sum(best):
         return "ambiguous"
     return "lost"

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from pipeline.kernels import kernel
+from pipeline.kernels import inline, kernel
 from pipeline.kernels.elementary import sine_cosine
 
 
@@ -74,6 +74,17 @@ def score(to_wall, to_known, turns, offsets, walls, known, likelihood, agnostic,
             out[i, k] = math.log(max(density, np.float32(1e-30)))
 
 
+@inline
+def count(cell, at, stamp, counts, others, most):
+    """One more of ``counts`` in a cell, once a scan, with what is old scaled down where there are too many of both."""
+    at[cell] = stamp
+    counts[cell] += np.float32(1.0)
+    total = counts[cell] + others[cell]
+    if total > most:
+        counts[cell] *= most / total
+        others[cell] *= most / total
+
+
 @kernel
 def look(x, y, yaw, angles, ranges, longest, width, margin, stamp, passed_at, hit_at, passes, hits, most):
     """Count in which cells the beams of a scan passed, and in which they ended: each cell once a scan.
@@ -93,13 +104,7 @@ def look(x, y, yaw, angles, ranges, longest, width, margin, stamp, passed_at, hi
                 col = np.int64(math.floor(x + ranges[k] * cos)) + margin
                 row = np.int64(math.floor(y + ranges[k] * sin)) + margin
                 if 0 <= col < width and 0 <= row < height and hit_at[row * width + col] != stamp:
-                    cell = row * width + col
-                    hit_at[cell] = stamp
-                    hits[cell] += np.float32(1.0)
-                    total = hits[cell] + passes[cell]
-                    if total > most:
-                        hits[cell] *= most / total
-                        passes[cell] *= most / total
+                    count(row * width + col, hit_at, stamp, hits, passes, most)
             if part == 1:
                 # Not the last cell and a half: a wall seen at a slant is in the cell before its end, too.
                 until = min(ranges[k] - np.float32(1.5), longest)
@@ -111,9 +116,4 @@ def look(x, y, yaw, angles, ranges, longest, width, margin, stamp, passed_at, hi
                         break
                     cell = row * width + col
                     if passed_at[cell] != stamp and hit_at[cell] != stamp:
-                        passed_at[cell] = stamp
-                        passes[cell] += np.float32(1.0)
-                        total = hits[cell] + passes[cell]
-                        if total > most:
-                            hits[cell] *= most / total
-                            passes[cell] *= most / total
+                        count(cell, passed_at, stamp, passes, hits, most)

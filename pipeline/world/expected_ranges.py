@@ -94,10 +94,6 @@ class ExpectedRanges:
             table = (self.rows, self.offsets, log_likelihood, np.float32(outside))
             scoring.score(n * k, *poses, *self.place, *table, out)
 
-    def at(self, pose: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(k,) float32 true ranges in metres from one robot pose (3,) of the grid frame, by the configured caster."""
-        return self.codes.ranges[self.codes_at(pose[None])[0][0]].astype(np.float32)
-
     def codes_at(self, poses: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """(n, k) uint8 codes of those ranges from poses (n, 3), and (n,) which see nothing: in a wall, off the map."""
         columns = np.ascontiguousarray(poses.T.astype(np.float32))

@@ -35,11 +35,11 @@ PAUSE = 5.0
 @dataclass(frozen=True)
 class KeyScan:
     """A scan that is remembered: ``ranges`` (beams,) m, taken at ``time`` s from ``way`` (3,), the robot's pose by the
-    laser's odometry, in its ``stretch``, counted by gaps and by breaks of that odometry; ``believed`` (3,): where the
-    belief had it, grid frame, None if that was found to be wrong."""
+    laser's odometry, in its ``stretch``, which a break of that ends; ``believed`` (3,): where the belief had it, grid
+    frame, None if that was found to be wrong."""
 
     time: float
-    stretch: tuple[int, int]
+    stretch: int
     way: Array
     ranges: NDArray[np.float32]
     believed: Array | None
@@ -54,8 +54,9 @@ class Memory:
             world.begin_with(before)
         self._pending: list[KeyScan] = []
         self._written: list[tuple[KeyScan, Array]] = []
+        self._key: KeyScan | None = None
         self._settled = math.inf
-        self._breaks = 0
+        self._heard = self._stretch = 0
         self._renewed = 0.0
         self._unspoken = False
         self._time = 0.0
@@ -73,13 +74,15 @@ class Memory:
     def follow(self, scan: KeyScan, settled: bool) -> None:
         """Hear of a scan and of where it is believed to have been taken; ``settled``: that nothing contests it."""
         self._time = scan.time
-        scan = replace(scan, stretch=(self._breaks, scan.stretch[1]))
+        if self._key is None or scan.stretch != self._heard:  # a gap ends a stretch, too
+            self._key, self._heard, self._stretch = None, scan.stretch, self._stretch + 1
+        scan = replace(scan, stretch=self._stretch)
         if not settled:
             self._settled = math.inf
         self._settled = min(self._settled, scan.time)
-        last = self._pending[-1] if self._pending else None
-        step = None if last is None or last.stretch != scan.stretch else between(last.way, scan.way)
+        step = None if self._key is None else between(self._key.way, scan.way)
         if step is None or math.hypot(step[0], step[1]) > KEY_D or abs(float(wrap_angle(step[2]))) > KEY_A:
+            self._key = scan
             self._pending.append(scan)
         if settled and scan.time - self._settled > PROVED:
             self._write(scan, scan.time - RECENT)
@@ -90,17 +93,16 @@ class Memory:
         """The way is broken off: what has proved right so far speaks at once, the rest never will."""
         if self._pending and self._time - self._settled > PROVED:
             self._write(self._pending[-1], math.inf)
-        self._pending, self._settled = [], math.inf
-        self._breaks += 1
+        self._pending, self._key, self._settled = [], None, math.inf
         if self._unspoken:
             self._renew()
 
     def moved(self) -> None:
         """The belief is elsewhere now: what was written on this stretch waits until its new place has proved right."""
         self._settled = math.inf
-        if not self._pending:
+        if self._key is None:  # nothing was seen since a gap: what was written before it stays
             return
-        stretch = self._pending[-1].stretch
+        stretch = self._stretch
         self._pending = [replace(scan, believed=None) for scan in self._pending]
         wrong = [replace(scan, believed=None) for scan, _ in self._written if scan.stretch == stretch]
         if wrong:

@@ -102,6 +102,7 @@ def test_a_few_places_that_hold_the_belief_together_are_ambiguous_and_many_are_l
     assert judged(Judge(), 2.0, **unsure, places=(0.01,) * 5 + (0.5, 0.45))[-1].kind == "ambiguous"
     # A single place that explains nothing is no choice between places.
     assert judged(Judge(), 2.0, weight=1.0, worth=-1.0, places=(1.0,))[-1].kind == "lost"
+    assert judged(Judge(), 2.0, weight=0.98, worth=-1.0, places=(0.98, 0.02))[-1].kind == "lost"
 
 
 def test_what_is_sure_is_never_called_ambiguous_and_every_kind_has_a_level_on_a_monitor() -> None:

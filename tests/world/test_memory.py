@@ -41,7 +41,7 @@ class Told:
         for _ in range(round(2 * seconds)):
             step = np.array([SPEED * self.time, 0.0, 0.0])
             at = compose(believed, step)
-            scan = KeyScan(self.time, (0, stretch), compose(ODOMETRY, step), WALL_SEEN, at)
+            scan = KeyScan(self.time, stretch, compose(ODOMETRY, step), WALL_SEEN, at)
             self.memory.follow(scan, settled)
             self.spoken.append(self.memory.scans)
             self.time += 0.5
@@ -105,7 +105,7 @@ def test_the_world_is_renewed_at_once_and_then_at_intervals() -> None:
 def test_a_robot_that_stands_still_says_the_same_but_once_in_a_while() -> None:
     told = Told()
     for _ in range(60):
-        scan = KeyScan(told.time, (0, 0), ODOMETRY, WALL_SEEN, START)
+        scan = KeyScan(told.time, 0, ODOMETRY, WALL_SEEN, START)
         told.memory.follow(scan, True)
         told.time += 0.5
     assert 1 <= told.memory.scans <= told.time / RECENT
@@ -117,7 +117,7 @@ def test_a_little_way_is_none(way: float, turned: float) -> None:
     for k in range(60):
         step = (way, 0.0, turned) if k % 2 else (0.0, 0.0, 0.0)
         at = compose(START, step)
-        scan = KeyScan(told.time, (0, 0), compose(ODOMETRY, step), WALL_SEEN, at)
+        scan = KeyScan(told.time, 0, compose(ODOMETRY, step), WALL_SEEN, at)
         told.memory.follow(scan, True)
         told.time += 0.5
     assert 1 <= told.memory.scans <= told.time / RECENT
@@ -142,6 +142,15 @@ def test_at_the_end_what_has_not_never_will() -> None:
     told.drive(11.0, stretch=0)  # after a gap: a stretch of its own, though the laser's odometry counts on
     told.memory.close()
     assert told.memory.scans == 22
+
+
+def test_a_belief_that_moves_after_a_gap_leaves_what_was_before_it() -> None:
+    told = Told()
+    told.drive(20.0)
+    told.memory.close()
+    kept = told.memory.scans
+    told.memory.moved()  # at the first scan after the gap, before that is heard of
+    assert told.memory.scans == kept > 10
 
 
 def test_a_belief_that_moves_takes_what_it_wrote_along() -> None:
@@ -208,7 +217,7 @@ def test_stretches_of_the_odometry_have_nothing_to_do_with_each_other() -> None:
     for _ in range(26):
         way = compose((50.0, 50.0, -1.0), (SPEED * told.time, 0.0, 0.0))
         at = compose(START, (SPEED * told.time, 0.0, 0.0))
-        told.memory.follow(KeyScan(told.time, (0, 1), way, WALL_SEEN, at), True)
+        told.memory.follow(KeyScan(told.time, 1, way, WALL_SEEN, at), True)
         told.time += 0.5
     assert told.memory.scans >= 6
     assert told.hits_near(wall_beside(START)) > 0.0
