@@ -57,9 +57,8 @@ class Narrator:
         if step.heat is None or not self._started:
             return []
         # What calls for a search is the share of the last scans, not that of this one.
-        why = (
-            f"the scans fitted this place little better than chance of late, {100 * step.explained:.0f} % of beams now"
-        )
+        fit = f"{100 * step.explained:.0f} % of the beams fit now"
+        why = f"of late the scans have fitted this place hardly better than chance, and {fit}"
         if step.motion.unseen is not None:
             why = "nobody saw how the robot came here"
         return [Event("searched", f"Searched the building at {step.time:.1f} s: {why}.")]

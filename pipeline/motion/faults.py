@@ -175,9 +175,8 @@ class Faults:
         says = f"they say {in_words(told)} in the last of them, the laser {in_words(seen)}"
         slip = Fault("slipped", f"The wheels slipped in the two seconds before {time:.1f} s: {says}.")
         if self._silent_way.any():
-            self._held = [
-                slip
-            ]  # of wheels that stand still it is told when they turn again: until then they may be dead
+            # Of wheels that stand still it is told when they turn again: until then they may be dead.
+            self._held = [slip]
             return []
         return [slip]
 
