@@ -13,7 +13,6 @@ from pipeline.geometry import between, compose
 from pipeline.kernels import matching
 from pipeline.kernels.surfaces import surfaces
 from pipeline.logs.leaps import FASTEST, SPINNING
-from pipeline.logs.leaps import FASTEST, SPINNING
 from pipeline.logs.messages import Laser
 
 Array = NDArray[np.float64]
