@@ -28,7 +28,7 @@ from pipeline.evaluate.calibration import BINS
 from pipeline.evaluate.metrics import interpolate, is_localized, known, laser_to_base, pose_errors
 from pipeline.filter.step import TAKEOVERS, Step
 from pipeline.judgement import verdict
-from pipeline.judgement.verdict import GOOD, PRIOR, PROVED, SHARE, SURE, WORTH, Judge, Signs
+from pipeline.judgement.verdict import GOOD, SURE, Judge, Signs, stated
 from pipeline.localization import localize
 from pipeline.logs.messages import Log
 from pipeline.logs.reader import read_log
@@ -137,7 +137,9 @@ def foretold(runs: Sequence[Run], xs: Sequence[Array]) -> list[Array]:
     for building in {run.building for run in runs}:
         others = [row for row, run in enumerate(runs) if run.building != building]
         weights[building] = fitted([xs[row] for row in others], [runs[row].right for row in others])
-    return [expit(x @ weights[run.building]) for x, run in zip(xs, runs, strict=True)]
+    return [
+        np.minimum(expit(x @ weights[run.building]), np.sqrt(expit(x[:, 1]))) for x, run in zip(xs, runs, strict=True)
+    ]
 
 
 # --- tables ---------------------------------------------------------------------------------------------------------
@@ -210,7 +212,7 @@ def report(runs: Sequence[Run]) -> None:
         left_out = foretold(runs, xs)
         print(f"GOOD {good:g}: {fit}; buildings left out: {brier(left_out, runs)}")
         if good == GOOD:
-            by_fit, in_force = left_out, [expit(x @ np.array([PRIOR, SHARE, WORTH, PROVED])) for x in xs]
+            by_fit, in_force = left_out, [stated(*x[:, 1:].T) for x in xs]
     print(f"in force: {brier(in_force, runs)}")
     print("\nfitted, each building left out")
     reliability(by_fit, runs)

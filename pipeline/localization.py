@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ class RunResult:
     ``ess``, ``mean_likelihood``, ``explained``, ``spread`` (n,); ``weights`` (n,): the estimate's share of the belief;
     ``covariances`` (n, 3, 3): of the poses, x, y, yaw;
     ``converged_at``: seconds, None if it never did; ``verdicts``: on every scan, in words; ``probability`` (n,): that
-    the pose is right; ``seen``: what the log has shown of the world, None if nothing was remembered;
+    the pose is right; ``seen``: what the log has shown of the world, by itself, None if nothing was remembered;
     ``hindsight`` (n, 3): as ``poses``, told from the end of the log.
     """
 
@@ -104,7 +105,11 @@ def localize(
             clock.lap("record")
         hindsight = mcl.hindsight.trajectory(seed)
         clock.lap("hindsight")
-    return steps.result(log, clock.seconds, hindsight, mcl.finish())
+    return steps.result(log, clock.seconds, hindsight, _of_log(log, mcl.finish()))
+
+
+def _of_log(log: Log, seen: Seen | None) -> Seen | None:
+    return None if seen is None else dataclasses.replace(seen, logs=(log.sha256,))
 
 
 class _Columns:

@@ -49,13 +49,15 @@ class Progress(Protocol):
 class Replay:
     """What a run left and how it went: ``score`` is None where the log does not know the truth.
 
-    ``seconds``: wall time by part; ``recorded``: whether the folder holds a recording.
+    ``began_with``: the memory of earlier runs, if any; ``seconds``: wall time by part; ``recorded``: whether the folder
+    holds a recording.
     """
 
     folder: RunFolder
     log: Log
     seed: int
     result: RunResult
+    began_with: Seen | None
     score: Score | None
     seconds: dict[str, float]
     recorded: bool
@@ -109,6 +111,10 @@ class Replay:
             },
             "seed": self.seed,
             "figures": _figures(self.log, self.result),
+            "memory": {
+                "began_with_logs": [] if self.began_with is None else list(self.began_with.logs),
+                "cells_changed": None if self.result.seen is None else int(np.count_nonzero(self.result.seen.changed)),
+            },
             "truth": None if self.score is None else self.score.to_dict(),
             "seconds": self.seconds,
             "speed": self.speed,
@@ -160,9 +166,12 @@ def replay(
             sinks: list[Sink] = [*recordings, recorded] if record else []
             if mcap is not None:
                 sinks.append(_Published(stack.enter_context(_result_file(mcap, log, config, seed)), config, seed))
+            began_with = seen
+            others = None if seen is None or log.sha256 in seen.logs else seen
             for number in range(1, passes):
                 watched = _watched(log, progress, f"pass {number} of {passes}")
-                seen = localize(log, config, seed=seed, threads=threads, progress=watched, seen=seen).seen
+                last = localize(log, config, seed=seed, threads=threads, progress=watched, seen=seen).seen
+                seen = _together(last, others)
             watched = _watched(log, progress, "localizing" if passes == 1 else f"pass {passes} of {passes}")
             result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched, seen=seen)
             done = time.perf_counter()
@@ -174,12 +183,12 @@ def replay(
         if isinstance(error, MclError) or not recorded.steps:
             shutil.rmtree(folder.path)
         raise
-    run = Replay(folder, log, seed, result, _score(log, result), seconds, record)
+    run = Replay(folder, log, seed, result, began_with, _score(log, result), seconds, record)
     folder.write_trajectory(result.trajectory)
     if result.hindsight is not None:
         write_tum(folder.path / HINDSIGHT, Trajectory(result.stamps, result.hindsight))
-    if result.seen is not None:
-        result.seen.write(folder.memory)
+    if (memory := _together(result.seen, others)) is not None:
+        memory.write(folder.memory)
     folder.write_run(run.to_dict())
     return run
 
@@ -225,6 +234,11 @@ def _diagnosis(step: Step) -> dict[str, str]:
         for cluster in step.clusters[:PLACES]
     ]
     return {name: f"{value:.3f}" for name, value in figures.items()} | {"places": "; ".join(places)}
+
+
+def _together(own: Seen | None, others: Seen | None) -> Seen | None:
+    """What this log has shown and what others have: of a log that had been seen before only what it shows now."""
+    return own if own is None or others is None else own.merged(others)
 
 
 class _Count:

@@ -13,7 +13,7 @@ import pytest
 from scipy.special import expit
 
 from pipeline.config import Config
-from pipeline.judgement.verdict import PRIOR, PROVED, SHARE, WORTH
+from pipeline.judgement.verdict import stated
 from pipeline.localization import localize
 from pipeline.logs.messages import Log
 
@@ -44,9 +44,9 @@ def test_the_signs_that_are_kept_give_the_probabilities_of_the_run(
     assert signs[40, 4] == 1.0
     run = script.Run("run", "office", signs, np.zeros(len(signs), np.bool_), np.array(signer.explained))
     script.write(run, tmp_path / "run.npz")
-    stated = expit(script.regressors(script.read(tmp_path / "run.npz")) @ np.array([PRIOR, SHARE, WORTH, PROVED]))
-    np.testing.assert_allclose(stated, result.probability, atol=1e-8)
-    assert np.ptp(stated) > 0.1
+    told = stated(*script.regressors(script.read(tmp_path / "run.npz"))[:, 1:].T)
+    np.testing.assert_allclose(told, result.probability, atol=1e-8)
+    assert np.ptp(told) > 0.1
 
 
 def test_a_fit_finds_the_weights_by_which_the_data_were_made(script: ModuleType) -> None:

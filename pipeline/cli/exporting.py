@@ -55,7 +55,7 @@ def export(
         raise typer.BadParameter("give --output FILE for a run, or --raw DIR for a log")
     maps = [output for output in outputs or () if output.suffix.lower() == ".yaml"]
     if len(sources) > 1 and (raw is not None or len(maps) < len(outputs or ())):
-        raise typer.BadParameter("several runs make one map, a .yaml; of anything else, name one run")
+        raise typer.BadParameter("give one run; only a .yaml, the renewed map, can be made of several runs together")
     source = sources[0]
     if maps:
         _maps(sources, maps, force)

@@ -79,10 +79,11 @@ def localize(
     ] = None,
     memory: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN", help="Begin with what this run has shown of the world; repeatable."),
+        typer.Option(metavar="RUN", help="Begin with what an earlier run has shown of the building; repeatable."),
     ] = None,
     passes: Annotated[
-        int, typer.Option(min=1, max=9, help="Go through the log so often, each time with the memory of the last.")
+        int,
+        typer.Option(min=1, max=9, help="Go through the log so many times, each with the memory of the time before."),
     ] = 1,
     require_found: Annotated[
         bool, typer.Option("--require-found", help="End with exit code 3 if the robot is not found at the end.")

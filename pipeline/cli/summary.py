@@ -40,6 +40,7 @@ def report(run: Replay, map_path: Path | None = None, config: str | None = None)
         *_of_the_way(run.result.events),
         ("scans by verdict", _verdicts(run.result.verdicts)),
         ("at the end", f"{run.result.verdicts[-1]}: right with probability {run.result.probability[-1]:.2f}"),
+        *_memory(run),
         ("end pose", f"x {x:.2f} m, y {y:.2f} m, yaw {math.degrees(yaw):.1f} deg"),
         ("explained by the map", f"{percent(run.explained)} of the beams"),
         *_against_truth(run.score),
@@ -55,6 +56,19 @@ def report(run: Replay, map_path: Path | None = None, config: str | None = None)
         )
     if run.recorded:
         console.note(look_at(run.folder.recording))
+
+
+def _memory(run: Replay) -> list[tuple[str, str]]:
+    """What the run began with, if it was given a memory."""
+    import numpy as np
+
+    if run.began_with is None:
+        return []
+    logs, cells = len(run.began_with.logs), int(np.count_nonzero(run.began_with.changed))
+    heard = "" if run.result.seen is not None else "; this filter does not use it"
+    return [
+        ("began with", f"what {logs} {'log' if logs == 1 else 'logs'} showed: {cells:,} cells are not as mapped{heard}")
+    ]
 
 
 def _verdicts(kinds: Sequence[str]) -> str:

@@ -73,13 +73,13 @@ class ParticleFilter:
         self._motion: Motion | None = None
         self._memory: Memory | None = None
         self._shown = 0
-        self._off = 0.0
+        self._off, self._turned = 0.0, False
         if self._sensor.world is not None and "memory" not in config.without:
             self._memory = Memory(self._sensor.world, laser, seen)
         self.hindsight = Hindsight(grid, config)
 
     def finish(self) -> Seen | None:
-        """The log is over: what it has shown of the world; None if nothing is remembered."""
+        """The log is over: what it has shown of the world, by itself; None if nothing is remembered."""
         if self._memory is None:
             return None
         self._memory.close()
@@ -202,7 +202,8 @@ class ParticleFilter:
         clusters = self._clusters(estimate, odds)
         places = tuple(cluster.weight for cluster in clusters)
         changed = motion.unseen is not None or takeover is not None
-        signs = Signs(scan.time, estimate.weight, beams.worth, off, places, changed)
+        self._turned |= any(fault.kind == "turned" for fault in motion.faults)
+        signs = Signs(scan.time, estimate.weight, beams.worth, off, places, changed, self._turned)
         to_map(3 * p.n, *p.poses, *self._grid.origin, self._map_poses)
         return Step(
             index=scan.index,

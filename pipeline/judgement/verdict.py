@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 Kind = Literal["found", "ambiguous", "off the map", "lost"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 TRUSTED: tuple[Kind, ...] = ("found", "off the map")
@@ -30,12 +33,16 @@ PRIOR, SHARE, WORTH, PROVED = 3.42, 0.24, 1.66, -1.11
 beam, and the logarithm of the seconds since the place had proved right; all runs weigh the same (docs/verdict.md)."""
 
 
+TURNED = 0.01
+"""Probability that a heading is right of a robot whose laser is mounted otherwise than the log says."""
+
+
 @dataclass(frozen=True)
 class Signs:
     """What a scan gives to judge by: ``time`` s; ``weight``: the estimate's share of belief and rivals; ``worth``: nats
     a beam by which the place explains the scan better than a reading of this laser is probable on average; ``off``:
     share of the belief that is off the map; ``places``: shares of the best few places; ``moved``: nobody saw the way
-    here, or another place has taken the belief's."""
+    here, or another place has taken the belief's; ``turned``: the laser is mounted otherwise than the log says."""
 
     time: float
     weight: float
@@ -43,6 +50,7 @@ class Signs:
     off: float
     places: tuple[float, ...]
     moved: bool
+    turned: bool = False
 
 
 @dataclass(frozen=True)
@@ -69,9 +77,9 @@ class Judge:
 
     def judge(self, signs: Signs) -> Verdict:
         """The verdict on one scan."""
-        share, worth, since = self.regressors(signs)
-        score = PRIOR + SHARE * share + WORTH * worth + PROVED * since
-        probability = 1.0 / (1.0 + math.exp(-min(max(score, -20.0), 20.0)))
+        probability = float(stated(*self.regressors(signs)))
+        if signs.turned:
+            probability = min(probability, TURNED)
         return Verdict(_kind(signs, probability), probability)
 
     def regressors(self, signs: Signs) -> tuple[float, float, float]:
@@ -91,6 +99,17 @@ class Judge:
         share = min(max(signs.weight, 0.001), 0.999)
         since = min(signs.time - self._proved, FORGOTTEN)
         return math.log(share / (1.0 - share)), self._worth, math.log1p(since)
+
+
+def stated(share: ArrayLike, worth: ArrayLike, since: ArrayLike) -> NDArray[np.float64]:
+    """The probability that an estimate is right, by what ``Judge.regressors`` gives: all (n,), or single numbers.
+
+    It is at most the root of the estimate's share of the belief: where the best of many places has 4 %, however well it
+    explains one scan, others explain it as well.
+    """
+    score = PRIOR + SHARE * np.asarray(share) + WORTH * np.asarray(worth) + PROVED * np.asarray(since)
+    by_signs, of_belief = (1.0 / (1.0 + np.exp(-np.clip(x, -20.0, 20.0))) for x in (score, np.asarray(share)))
+    return np.asarray(np.minimum(by_signs, np.sqrt(of_belief)))
 
 
 def _kind(signs: Signs, probability: float) -> Kind:

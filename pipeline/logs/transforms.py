@@ -119,7 +119,11 @@ class Transforms:
         read: dict[str, Links] = vars(self)  # where cached properties are kept: /tf is long, and often nobody needs it
         links = {**read.get("moving", {}), **read.get("static", {})}
         children = [child for frame in frames for child in (frame, *(link.frame for link in _upwards(links, frame)))]
-        return [said for child in dict.fromkeys(children) for said in self._remarks.get(child, [])]
+        said = [said for child in dict.fromkeys(children) for said in self._remarks.get(child, [])]
+        if self._given and not self._given.keys() & set(children):
+            named = shortened(sorted(self._given), "frames")
+            said.append(f"--tf places {named}, and none of these is {frames[0]!r} or carries it: it has no effect")
+        return said
 
     def describe(self) -> str:
         """Which links there are, for an error message."""

@@ -63,8 +63,8 @@ class Memory:
 
     @property
     def seen(self) -> Seen:
-        """What has been shown of the world so far."""
-        return self._world.seen
+        """What the scans of this run have shown of the world so far, without what it began with."""
+        return self._world.own
 
     @property
     def scans(self) -> int:

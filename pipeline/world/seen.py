@@ -39,6 +39,7 @@ class Seen:
 
     ``mapped`` (height, width) uint8: FREE, WALL or UNKNOWN, as the map has it, which is ``margin`` cells smaller on
     every side; ``resolution`` m; ``origin``: of the map's corner, as in ``OccupancyGrid``; ``map_sha256``: which map;
+    ``logs``: checksums of the logs whose scans are counted, so that none is counted twice;
     ``within``: rows and columns that hold all that was seen, if somebody knows.
     """
 
@@ -49,6 +50,7 @@ class Seen:
     resolution: float
     origin: Pose
     map_sha256: str
+    logs: tuple[str, ...] = ()
     within: tuple[slice, slice] | None = None
 
     @cached_property
@@ -123,12 +125,17 @@ class Seen:
         return OccupancyGrid(np.ascontiguousarray(occupancy[top:bottom, left:right]), self.resolution, corner)
 
     def merged(self, other: Seen) -> Seen:
-        """Both together. Raises MclError if they are of two maps."""
+        """Both together. Raises MclError if they are of two maps, or of the same log: its scans would count twice."""
         if self.map_sha256 != other.map_sha256 or self.mapped.shape != other.mapped.shape:
-            raise MclError("these runs were made on different maps", "merge runs on one map")
+            raise MclError("these runs were made on different maps", "give runs that were made on one map")
+        if set(self.logs) & set(other.logs):
+            raise MclError(
+                "two of these runs have seen the same log, whose scans would count twice", "give one run of each log"
+            )
+        hits, passes = self.hits + other.hits, self.passes + other.passes
         return Seen(
-            self.mapped, self.hits + other.hits, self.passes + other.passes, self.margin, self.resolution, self.origin,
-            self.map_sha256,
+            self.mapped, hits, passes, self.margin, self.resolution, self.origin, self.map_sha256,
+            (*self.logs, *other.logs),
         )  # fmt: skip
 
     def write(self, path: Path) -> None:
@@ -136,6 +143,7 @@ class Seen:
         np.savez_compressed(
             path, mapped=self.mapped, hits=self.hits.astype(np.float16), passes=self.passes.astype(np.float16),
             margin=self.margin, resolution=self.resolution, origin=np.array(self.origin), map_sha256=self.map_sha256,
+            logs=np.array(self.logs, dtype=np.str_),
         )  # fmt: skip
 
 
@@ -146,6 +154,10 @@ def seen_in(runs: Sequence[Path]) -> Seen | None:
     """
     seen: Seen | None = None
     for run in runs:
+        if not run.exists():
+            raise MclError("no such folder", "name the folder of a run", path=run)
+        if not run.is_dir() and run.suffix not in (".rrd", ".npz"):
+            raise MclError("this is no run", "name the folder of a run", path=run)
         found = read_seen(run / MEMORY if run.is_dir() else run.with_name(MEMORY))
         seen = found if seen is None else seen.merged(found)
     return seen
@@ -159,10 +171,11 @@ def read_seen(path: Path) -> Seen:
             found = Seen(
                 file["mapped"], file["hits"].astype(np.float32), file["passes"].astype(np.float32), int(file["margin"]),
                 float(file["resolution"]), (x, y, yaw), str(file["map_sha256"]),
+                tuple(map(str, file["logs"].tolist())),
             )  # fmt: skip
     except FileNotFoundError:
         raise MclError(
-            "this run remembers nothing of the world", "it needs a run that kept its memory", path=path
+            "there is no memory of a run here", "runs of earlier versions left none: run the log again", path=path
         ) from None
     except _DAMAGED as error:
         raise MclError("this file is no memory of a run", "name the folder of a run", path=path) from error

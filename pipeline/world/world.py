@@ -49,11 +49,23 @@ class World:
         self.forget()
 
     @property
-    def seen(self) -> Seen:
-        """What the scans have shown so far."""
+    def own(self) -> Seen:
+        """What the scans of this run alone have shown so far."""
         shape, grid = self.mapped.shape, self._grid
         hits, passes = self._hits.reshape(shape), self._passes.reshape(shape)
-        return Seen(self.mapped, hits, passes, self.margin, grid.resolution, grid.origin, grid.sha256, self._looked)
+        return Seen(
+            self.mapped, hits, passes, self.margin, grid.resolution, grid.origin, grid.sha256, within=self._looked
+        )
+
+    @property
+    def seen(self) -> Seen:
+        """What they have shown, and earlier runs, which count the less the more scans of this one saw a cell."""
+        own, before = self.own, self._before
+        if before is None:
+            return own
+        left = np.maximum(1.0 - (own.hits + own.passes) / np.float32(MOST), np.float32(0.0))
+        hits, passes = own.hits + left * before.hits, own.passes + left * before.passes
+        return replace(own, hits=hits, passes=passes, within=None)
 
     def begin_with(self, before: Seen) -> None:
         """Count on from what earlier runs have shown. Raises MclError if they had another map."""
@@ -61,17 +73,14 @@ class World:
             raise MclError("the memory is of a run on another map", "give a run on this one")
         total = before.hits + before.passes
         share = np.minimum(1.0, MOST / np.maximum(total, 1.0)).astype(np.float32)
-        kept = replace(before, hits=before.hits * share, passes=before.passes * share)
-        self._before = replace(kept, within=kept.box)
-        self.forget()
+        self._before = replace(before, hits=before.hits * share, passes=before.passes * share)
         self.renew()
 
     def forget(self) -> None:
-        """Count anew, from what earlier runs have shown."""
-        n, before = self.mapped.size, self._before
-        self._looked = (slice(0, 0), slice(0, 0)) if before is None else before.box
-        self._hits = np.zeros(n, np.float32) if before is None else before.hits.reshape(-1).copy()
-        self._passes = np.zeros(n, np.float32) if before is None else before.passes.reshape(-1).copy()
+        """Count anew."""
+        n = self.mapped.size
+        self._looked = (slice(0, 0), slice(0, 0))
+        self._hits, self._passes = np.zeros(n, np.float32), np.zeros(n, np.float32)
         self._passed_at, self._hit_at = np.zeros(n, np.int32), np.zeros(n, np.int32)
 
     def look(self, laser: NDArray[np.float64], angles: NDArray[np.float64], ranges: NDArray[np.float32]) -> None:

@@ -204,7 +204,7 @@ def test_what_is_no_memory_is_said_so_in_one_line(tmp_path: Path) -> None:
             read_seen(path)
         assert name in str(raised.value)
         assert "\n" not in str(raised.value)
-    with pytest.raises(MclError, match="remembers nothing"):
+    with pytest.raises(MclError, match="no memory of a run"):
         seen_in([tmp_path])
 
 
