@@ -87,4 +87,4 @@ def format_of(path: Path) -> ModuleType:
     if path.is_dir():
         raise MclError("this folder is no bag: it has no metadata.yaml", f"known: {known}", path=path)
     begin = head.split(b"\n", 1)[0][:40].decode("ascii", errors="replace")
-    raise MclError(f"a log of no known format, beginning {begin!r}", f"known: {known}", path=path)
+    raise MclError(f"a log of no known format, beginning {begin!r}", f"known: {known}, MCAP", path=path)

@@ -79,9 +79,10 @@ def evaluate(
         typer.Option(
             metavar="KIND:SHARE,...",
             help="Make the map wrong on purpose, anew for every seed: change this share of the wall that is seen. "
-            "doors, open on the map and shut now or the other way round; shut, doors across the robot's way; "
-            "erased, walls of a patch are missing; unknown, a patch is; boxes, that are not there; moved, pieces of "
-            "wall; a SHARE alone, all of them mixed. Several are compared; --plot draws them.",
+            "The kinds: doors (open instead of shut, or shut instead of open), shut (walls across the robot's way), "
+            "erased (the walls of a patch are removed), unknown (a patch becomes unknown), boxes (boxes are added), "
+            "moved (pieces of wall are shifted). A SHARE alone mixes all kinds. Example: 0.1 or doors:0.1,0.2. "
+            "Several are compared; --plot draws them.",
         ),
     ] = None,
     calibration: Annotated[

@@ -57,7 +57,7 @@ def parse_changes(text: str) -> tuple[Change, ...]:
     except ValueError:
         asked = [math.nan]
     if not all(0.0 <= share <= 1.0 for share in asked):
-        raise MclError(f"{text!r} is not KIND:SHARE[,SHARE...] with shares of the seen wall from 0 to 1, as boxes:0.1")
+        raise MclError(f"{text!r} asks for shares that are not between 0 and 1", "write 0.2 for 20 %, or boxes:0.1,0.2")
     return tuple(Change(kind, share) if share else Change(UNCHANGED, 0.0) for share in asked)
 
 

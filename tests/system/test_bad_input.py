@@ -186,7 +186,7 @@ BAD_INPUT = {
     "evaluate office.mcap --fault turn:1000:90 --runs 1": r"office\.mcap: fault turn:1000:90: the log runs from 0 to",
     "evaluate office.mcap --failures 0 --runs 1": r"--failures 0: expected a number of failures per metre",
     "evaluate office.mcap --perturb-map walls:0.1": r"no kind of change 'walls'.*mixed, doors, shut",
-    "evaluate office.mcap --perturb-map boxes:7": r"'boxes:7' is not KIND:SHARE",
+    "evaluate office.mcap --perturb-map boxes:7": r"'boxes:7' asks for shares that are not between 0 and 1",
     "evaluate office.mcap --keep letter.png --runs 1": r"letter\.png: this is a file, not a folder",
     "config nosuch": r"nosuch: .*course",
     "config --set foo=1": r"'foo'",
