@@ -131,6 +131,12 @@ class Log:
         """Seconds from the first scan to the last."""
         return float(self.stamps[-1] - self.stamps[0]) / 1e9
 
+    def part(self, rows: slice | NDArray[np.int64]) -> Log:
+        """The same log with these scans only, in their order; it has no truth of its own."""
+        columns = ("stamps", "odometry", "ranges", "sweeps", "turns", "stretches")
+        taken = {name: column[rows] for name in columns if (column := getattr(self, name)) is not None}
+        return replace(self, **taken, ground_truth=None)
+
     def without_short(self, limit: float) -> Log:
         """The same log in which readings of at most ``limit`` metres are invalid."""
         if limit <= 0.0:
