@@ -20,8 +20,8 @@ KNOWN = 0.1
 """Share of the scans that are found, or off the map and known to be there, below which the robot is not found, as
 `mcl localize` has it: 0.5 to 1 in nine logs on their own maps, 0 on maps of other buildings."""
 EXPLAINED = 0.55
-"""Share of the beams below which the map is doubted even if the verdict is sure, as it was of the office in a quarter of
-the scans of a laser that hung upside down. A larger share proves nothing: another building's map explained 0.55, too."""
+"""Share of the beams below which the map is doubted even if the verdict is sure, as it was in a quarter of the scans of
+a laser that hung upside down. A larger share proves nothing: the map of another building explained 0.55 as well."""
 UNKNOWN = 0.98
 """Share of the map that is unknown from which on it is hardly one; maps of one room on a large sheet have 0.9."""
 SPARSE = 0.1
