@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.geometry import Pose
+from pipeline.logs import schema
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 
@@ -112,11 +113,11 @@ class Log:
     @property
     def told(self) -> dict[str, str]:
         """What its converter and its reader tell of how it was read; where both do, the converter of the source."""
-        return {**self.metadata.get("reader", {}), **self.metadata.get("mcl:source", {})}
+        return {**self.metadata.get(schema.READER, {}), **self.metadata.get(schema.SOURCE, {})}
 
     def check_copied(self) -> None:
         """Raises MclError if the stamps are not those of the messages in the file, so that it cannot be copied."""
-        if self.converted is None and self.metadata.get("reader", {}).get("restamped"):
+        if self.converted is None and self.metadata.get(schema.READER, {}).get("restamped"):
             raise MclError(
                 "its messages have other stamps", "mcl convert makes a log of it that has these", path=self.path
             )
