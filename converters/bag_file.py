@@ -79,7 +79,7 @@ class BagFolder:
         except BaseException:
             self._stack.close()
             raise
-        self._said = self._missing(_metadata(self.path))
+        self._said = self._missing(metadata(self.path))
 
     def __enter__(self) -> BagFolder:
         return self
@@ -269,7 +269,7 @@ def _series(part: Path) -> tuple[str, int, str]:
     return (stem, -1, part.name) if number is None else (stem[: number.start()], int(number[1]), part.name)
 
 
-def _metadata(folder: Path) -> Mapping[str, Any]:
+def metadata(folder: Path) -> Mapping[str, Any]:
     """What metadata.yaml says, as far as it can be read: it is no more than a hint."""
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError

@@ -11,7 +11,6 @@ A line tells whether the witnesses noticed (a gap), and the share of the belief 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,13 +55,6 @@ def told(log: Log, truth: np.ndarray, at: int, settings: tuple[str, ...]) -> str
     return f"{shares}{'  noticed' if sink.gaps[at] else ''}"
 
 
-def piece(log: Log, first: int, last: int) -> Log:
-    """Some of the scans, without a truth of their own."""
-    part = slice(first, last)
-    scans = {"stamps": log.stamps[part], "odometry": log.odometry[part], "ranges": log.ranges[part]}
-    return replace(log, **scans, sweeps=None, turns=None, stretches=None, ground_truth=None)
-
-
 def main() -> None:
     """Print three lines for each failure."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -80,12 +72,12 @@ def main() -> None:
             made, rows = disturbed(log, [jump])
             cut = int(np.flatnonzero(np.diff(rows) != 1)[0]) + 1
             first, last = np.searchsorted(made.times, made.times[cut] + [-BEFORE, AFTER])
-            here, at, true = piece(made, first, last), cut - first, truth[rows[first:last]]
+            here, at, true = made.part(slice(first, last)), cut - first, truth[rows[first:last]]
             start = ("init=pose", f"initial_pose={true[0].tolist()}")
             print(f"seed {seed}, {jump.args[0]:.1f} s as if it were {jump.args[1]:.1f} s; after {MOMENTS} s")
             print(f"  particles  {told(here, true, at, start)}")
             print(f"  grid       {told(here, true, at, (*start, *GRID))}")
-            print(f"  anew       {told(piece(made, cut, last), true[at:], 0, GRID)}", flush=True)
+            print(f"  anew       {told(made.part(slice(cut, last)), true[at:], 0, GRID)}", flush=True)
             done += 1
 
 

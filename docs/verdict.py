@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from unittest.mock import patch
 
@@ -94,13 +94,6 @@ def read(path: Path) -> Run:
     """A run that was kept."""
     with np.load(path) as file:
         return Run(path.stem, str(file["building"]), file["signs"], file["right"], file["explained"])
-
-
-def first(log: Log, scans: int) -> Log:
-    """Its first scans only."""
-    columns = ("stamps", "odometry", "ranges", "sweeps", "turns", "stretches")
-    cut = {name: column[:scans] for name in columns if (column := getattr(log, name)) is not None}
-    return replace(log, **cut, ground_truth=None)
 
 
 # --- fit ------------------------------------------------------------------------------------------------------------
@@ -185,7 +178,7 @@ def gather(asked: argparse.Namespace) -> None:
     grid = None if asked.map is None else load_map(asked.map)
     for k, path in enumerate(asked.logs):
         log = read_log(path, grid)
-        log = log if asked.scans is None else first(log, asked.scans)
+        log = log if asked.scans is None else log.part(slice(asked.scans))
         truth = None
         if not asked.elsewhere:
             reference = read_tum(asked.reference[k])

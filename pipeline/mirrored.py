@@ -23,15 +23,12 @@ def mirrored(log: Log, config: Config, explained: float, seed: int = 0) -> bool:
     places that look like the mirrored ones. So the start of the log is localized once more.
     """
     n = int(np.searchsorted(log.times, SECONDS))
+    start = log.part(slice(n))
     turned_round = dataclasses.replace(
-        log,
+        start,
         laser=dataclasses.replace(log.laser, angle_min=-float(log.laser.angles[-1])),
-        stamps=log.stamps[:n],
-        odometry=log.odometry[:n],
-        ranges=np.ascontiguousarray(log.ranges[:n, ::-1]),
+        ranges=np.ascontiguousarray(start.ranges[:, ::-1]),
         sweeps=None,
-        turns=None if log.turns is None else log.turns[:n],
-        ground_truth=None,
     )
     result = localize(turned_round, config, seed=seed)
     return float(np.mean(result.explained[n // 2 :])) > explained + PLAINLY

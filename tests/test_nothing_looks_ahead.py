@@ -23,12 +23,6 @@ REAL = {
 }
 
 
-def until(log: Log, scans: int) -> Log:
-    """The first scans of a log."""
-    columns = {name: getattr(log, name) for name in ("stamps", "odometry", "ranges", "sweeps", "turns")}
-    return dataclasses.replace(log, **{name: c if c is None else c[:scans] for name, c in columns.items()})
-
-
 def poses(log: Log, odometry: str, hindsight: bool = False) -> np.ndarray:
     few = {"max_particles": 2000, "min_particles": 500}
     return localize(log, Config(**few, odometry=odometry, hindsight=hindsight), seed=3).poses
@@ -37,8 +31,8 @@ def poses(log: Log, odometry: str, hindsight: bool = False) -> np.ndarray:
 def assert_nothing_looks_ahead(log: Log, odometry: str, *, cuts: int = 2) -> None:
     whole = poses(log, odometry)
     for cut in np.random.default_rng(len(log)).integers(len(log) // 4, len(log), cuts):
-        assert poses(until(log, cut), odometry).tobytes() == whole[:cut].tobytes()
-    assert poses(until(log, cut), odometry, hindsight=True).tobytes() == whole[:cut].tobytes()
+        assert poses(log.part(slice(cut)), odometry).tobytes() == whole[:cut].tobytes()
+    assert poses(log.part(slice(cut)), odometry, hindsight=True).tobytes() == whole[:cut].tobytes()
 
 
 @pytest.mark.parametrize("odometry", ["both", "laser", "wheels"])
@@ -65,7 +59,7 @@ def real(request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory: py
     log, grid = (shared_data / name for name in REAL[request.param])
     path = tmp_path_factory.mktemp("real") / "real.mcap"
     convert([log], path, map_path=grid)
-    return until(read_log(path), FIRST)
+    return read_log(path).part(slice(FIRST))
 
 
 @pytest.mark.parametrize("odometry", ["both", "laser", "wheels"])

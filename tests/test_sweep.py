@@ -3,33 +3,21 @@
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+import sweep
+from sweep_rows import rows
 
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import read_tum, write_tum
 
-SCRIPT = Path(__file__).resolve().parents[1] / "docs" / "sweep.py"
 SECOND = 1_000_000_000
-
-
-@pytest.fixture(scope="module")
-def sweep() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("sweep", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["sweep"] = module  # dataclasses look there
-    spec.loader.exec_module(module)
-    return module
+OFFICE = next(row for row in rows() if row.name == "office")
 
 
 def told(successes: int = 2) -> dict[str, Any]:
@@ -49,7 +37,7 @@ def told(successes: int = 2) -> dict[str, Any]:
 
 
 @pytest.fixture
-def ran(sweep: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """Commands that evaluate: they are noted, not run; conversions are real."""
     commands: list[list[str]] = []
 
@@ -61,29 +49,23 @@ def ran(sweep: ModuleType, monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     return commands
 
 
-def office(sweep: ModuleType) -> Any:
-    return next(row for row in sweep._rows() if row.name == "office")
-
-
-def test_rows_have_names_of_their_own(sweep: ModuleType):
-    rows = sweep._rows()
-    slugs = [sweep._slug(row.name) for row in rows]
+def test_rows_have_names_of_their_own():
+    slugs = [sweep._slug(row.name) for row in rows()]
     assert len(set(slugs)) == len(slugs) == 130
 
 
-def test_what_is_done_is_not_run_again(sweep: ModuleType, ran: list[list[str]], tmp_path: Path):
-    row = office(sweep)
+def test_what_is_done_is_not_run_again(ran: list[list[str]], tmp_path: Path):
     for _ in range(2):
-        sweep.Sweep(tmp_path, tmp_path / "nothing", 2, 1).run(row, "1/1")
+        sweep.Sweep(tmp_path, tmp_path / "nothing", 2, 1).run(OFFICE, "1/1")
     (command,) = ran
     assert command[command.index("--runs") + 1] == "2"
     assert Path(command[command.index("--reference") + 1]).read_text()
-    sweep.Sweep(tmp_path, tmp_path, 3, 1).run(row, "1/1")
-    sweep.Sweep(tmp_path, tmp_path, 2, 1).run(replace(row, evaluate=("--set", "max_beams=12")), "1/1")
+    sweep.Sweep(tmp_path, tmp_path, 3, 1).run(OFFICE, "1/1")
+    sweep.Sweep(tmp_path, tmp_path, 2, 1).run(replace(OFFICE, evaluate=("--set", "max_beams=12")), "1/1")
     assert len(ran) == 3
 
 
-def test_another_source_runs_everything_anew(sweep: ModuleType, tmp_path: Path):
+def test_another_source_runs_everything_anew(tmp_path: Path):
     (tmp_path / "pipeline").mkdir()
     file = tmp_path / "pipeline" / "a.py"
     file.write_text("1\n")
@@ -96,18 +78,18 @@ def test_another_source_runs_everything_anew(sweep: ModuleType, tmp_path: Path):
 
 
 def test_what_is_not_there_or_fails_is_told_and_left_out(
-    sweep: ModuleType, ran: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ran: list[list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     lab = sweep.Sweep(tmp_path, tmp_path, 2, 1)
-    lab.run(next(row for row in sweep._rows() if row.name == "intel"), "1/2")
-    lab.run(replace(office(sweep), convert=("--no-such-option",)), "2/2")
+    lab.run(next(row for row in rows() if row.name == "intel"), "1/2")
+    lab.run(replace(OFFICE, convert=("--no-such-option",)), "2/2")
     said = capsys.readouterr().err
     assert "intel: left out: carmen/intel/intel.log.gz is not there" in said
     assert "office: failed: " in said
     assert (lab.failed, ran) == (["office"], [])
 
 
-def test_a_joined_log_has_the_truth_of_both_at_its_own_stamps(sweep: ModuleType, tmp_path: Path):
+def test_a_joined_log_has_the_truth_of_both_at_its_own_stamps(tmp_path: Path):
     from converters import convert
     from pipeline.logs.reader import read_log
     from pipeline.simulate import sample_dir
@@ -121,7 +103,7 @@ def test_a_joined_log_has_the_truth_of_both_at_its_own_stamps(sweep: ModuleType,
     assert abs(both.stamps[-1] - log.stamps[-1]) < SECOND
 
 
-def test_a_thinned_log_has_a_scan_per_metre(sweep: ModuleType, tmp_path: Path):
+def test_a_thinned_log_has_a_scan_per_metre(tmp_path: Path):
     lines = [f"FLASER 1 2.0 {k / 4} 0 0 {k / 4} 0 0 {k} host {k}\n" for k in range(21)]
     (tmp_path / "a.log.gz").write_bytes(gzip.compress("".join(["# a robot\n", *lines]).encode()))
     poses = np.zeros((21, 3))
@@ -131,10 +113,10 @@ def test_a_thinned_log_has_a_scan_per_metre(sweep: ModuleType, tmp_path: Path):
     assert thinned.read_text().splitlines(keepends=True) == ["# a robot\n", *lines[::4]]
 
 
-def test_the_table_is_markdown(sweep: ModuleType):
-    heading, _, row = sweep.table([(office(sweep), told())]).splitlines()
+def test_the_table_is_markdown():
+    heading, _, row = sweep.table([(OFFICE, told())]).splitlines()
     assert heading.count("|") == row.count("|") == len(sweep.COLUMNS) + 1
     assert row == "| office | 2/2 | 0.5 0.8 | 50.0 | 0.500 / 0.750 | - | 0.50 | 0 | 100 | 0/2 | - |"
     fault = {"fault": "turn", "times": 2, "found_again": 2, "at_once": 1, "time": {"median": 0.5, "p95": 3.0}}
-    _, _, row = sweep.table([(office(sweep), told() | {"faults": [fault]})]).splitlines()
+    _, _, row = sweep.table([(OFFICE, told() | {"faults": [fault]})]).splitlines()
     assert row.endswith("| 0/2 | turn: 2/2 after 0.5 3.0 s, 1/2 |")

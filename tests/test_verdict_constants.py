@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
-from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
-import pytest
+import verdict as script
 from scipy.special import expit
 
 from pipeline.config import Config
@@ -17,27 +13,10 @@ from pipeline.judgement.verdict import stated
 from pipeline.localization import localize
 from pipeline.logs.messages import Log
 
-SCRIPT = Path(__file__).resolve().parents[1] / "docs" / "verdict.py"
 
-
-@pytest.fixture(scope="module")
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("verdict_constants", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["verdict_constants"] = module  # dataclasses look there
-    spec.loader.exec_module(module)
-    return module
-
-
-def test_the_signs_that_are_kept_give_the_probabilities_of_the_run(
-    script: ModuleType, office: Log, tmp_path: Path
-) -> None:
+def test_the_signs_that_are_kept_give_the_probabilities_of_the_run(office: Log, tmp_path: Path) -> None:
     # Two pieces of the drive with some seconds between them, so that nobody has seen the way: a judge hears of that.
-    rows = np.r_[0:40, 120:160]
-    columns = {name: getattr(office, name)[rows] for name in ("stamps", "odometry", "ranges")}
-    log = replace(office, **columns, sweeps=None, turns=None, stretches=None, ground_truth=None)
+    log = office.part(np.r_[0:40, 120:160])
     signer = script.Signer()
     result = localize(log, Config(max_particles=2000), seed=0, threads=1, sinks=[signer])
     signs = np.array(signer.signs)
@@ -49,14 +28,14 @@ def test_the_signs_that_are_kept_give_the_probabilities_of_the_run(
     assert np.ptp(told) > 0.1
 
 
-def test_a_fit_finds_the_weights_by_which_the_data_were_made(script: ModuleType) -> None:
+def test_a_fit_finds_the_weights_by_which_the_data_were_made() -> None:
     rng, weights = np.random.default_rng(0), np.array([0.5, 0.3, 1.7, -1.0])
     xs = [np.column_stack([np.ones(20_000), rng.normal(size=(20_000, 3))]) for _ in range(2)]
     rights = [rng.random(len(x)) < expit(x @ weights) for x in xs]
     np.testing.assert_allclose(script.fitted(xs, rights), weights, atol=0.06)
 
 
-def test_a_building_is_foretold_by_the_others_alone(script: ModuleType) -> None:
+def test_a_building_is_foretold_by_the_others_alone() -> None:
     rng = np.random.default_rng(0)
     xs = [np.column_stack([np.ones(500), rng.normal(size=(500, 3))]) for _ in range(3)]
     # In two buildings the third column tells, in the other one it tells the opposite.

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import tempfile
 from collections.abc import Sequence
-from unittest.mock import patch
 
 import numpy as np
 
@@ -15,7 +12,7 @@ from pipeline.bench.scoring import Bench
 from pipeline.config import load_config
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.maps.range_table import build_range_table
+from pipeline.maps.range_table import build_range_table, throwaway_tables
 
 PARTICLES = (500, 2_000, 10_000, 50_000, 200_000, 1_000_000)
 BEAMS = (36, 60, 90, 180)
@@ -36,7 +33,7 @@ def growth(log: Log, repeats: int) -> list[Growth]:
     over_beams = [beams for beams in BEAMS if beams <= every] or [every]
     by_beams = [_score(Bench(log, POSES, beams), repeats) for beams in over_beams]
     built, by_size = [], []
-    with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, {"MCL_CACHE_DIR": folder}):
+    with throwaway_tables():
         for metres in METRES:
             assert log.grid is not None
             larger = dataclasses.replace(log, grid=_tiled(log.grid, metres))

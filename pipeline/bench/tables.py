@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from unittest.mock import patch
-
 from pipeline.bench.measure import Row, measured, row, seconds
 from pipeline.config import load_config
 from pipeline.logs.messages import Log
-from pipeline.maps.range_table import build_range_table, load_range_table
+from pipeline.maps.range_table import build_range_table, load_range_table, throwaway_tables
 
 
 def tables(log: Log, repeats: int) -> list[Row]:
@@ -19,7 +15,7 @@ def tables(log: Log, repeats: int) -> list[Row]:
     span = round(float(angles.max() - angles.min()) * 180.0 / 3.141592653589793)
     of_map = (log.grid, load_config().occupied_threshold, log.laser.longest(None), min(span, 359))
     (built,) = measured(min(repeats, 3), [lambda: build_range_table(*of_map)])
-    with tempfile.TemporaryDirectory() as folder, patch.dict(os.environ, {"MCL_CACHE_DIR": folder}):
+    with throwaway_tables():
         table = load_range_table(*of_map)
         loaded = [seconds(lambda: load_range_table(*of_map)) for _ in range(repeats + 1)][1:]
     size = (table.wide.nbytes + table.row_of_cell.nbytes + table.cells.nbytes) / 1e6

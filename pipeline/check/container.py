@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from converters.bag_file import METADATA
+from converters.bag_file import METADATA, metadata
 from converters.text import read_log_bytes
 from pipeline.check.findings import NOTHING, Finding
 from pipeline.errors import MclError
@@ -23,7 +23,7 @@ STORAGES = ("mcap", "sqlite3")
 def findings_of_container(path: Path, recorded: Recorded) -> Iterator[Finding]:
     """What a user may not know of a bag or an .mcap, though it is read all the same."""
     if path.is_dir():
-        yield from _metadata(path / METADATA)
+        yield from _metadata(path)
     if ros1 := getattr(recorded, "ros1_topics", ()):
         yield Finding("noted", "file", f"The messages are ROS 1's ({shortened(ros1, 'topics')}).", NOTHING)
     scans = [t for t in recorded.topics.values() if t.type in SCAN_TYPES and readable(t)]
@@ -53,20 +53,13 @@ def findings_of_text(path: Path) -> Iterator[Finding]:
         yield Finding("noted", "file", f"{lines}, and skipped.", NOTHING)
 
 
-def _metadata(path: Path) -> Iterator[Finding]:
-    from ruamel.yaml import YAML
-
+def _metadata(folder: Path) -> Iterator[Finding]:
     do = "ros2 bag reindex writes it anew; the files themselves are believed here."
-    if not path.is_file():
+    if not (folder / METADATA).is_file():
         yield Finding("noted", "file", f"The bag has no {METADATA}.", do)
-        return
-    try:
-        said = YAML(typ="safe").load(path.read_text(encoding="utf-8", errors="replace"))
-        storage = said["rosbag2_bagfile_information"]["storage_identifier"]
-    except Exception:  # whatever a file that should be YAML may hold
+    elif (storage := metadata(folder).get("storage_identifier")) is None:
         yield Finding("noted", "file", f"{METADATA} cannot be read.", do)
-        return
-    if storage not in STORAGES:
+    elif storage not in STORAGES:
         yield Finding("noted", "file", f"{METADATA} calls the bag's storage {storage!r}.", do)
 
 

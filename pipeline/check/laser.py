@@ -91,9 +91,8 @@ def findings_of_message(message: Any) -> Iterator[Finding]:
         return
     yield Finding(
         "broken" if off > 0.1 * beams else "doubtful", "laser",
-        f"The angles contradict the number of ranges: from {math.degrees(first):.1f} to {math.degrees(last):.1f} "
-        "deg in "
-        f"steps of {math.degrees(step):.3g} deg would be {counted:,.0f} ranges, and the scans have {beams:,}.",
+        f"The angles contradict the number of ranges: from {math.degrees(first):.1f} to {math.degrees(last):.1f} deg "
+        f"in steps of {math.degrees(step):.3g} deg would be {counted:,.0f} ranges, and the scans have {beams:,}.",
         "Mend the driver: angle_increment is (angle_max - angle_min) / (number of ranges - 1). The increment is "
         "believed.",
     )  # fmt: skip
@@ -150,9 +149,8 @@ def _robot_itself(log: Log, rows: Any) -> Iterator[Finding]:
         near = float(mean[own].max())
         yield Finding(
             "doubtful", "laser",
-            f"{100 * share:.0f} % of the beams always end {near:.2f} m or less away while the robot drives: they "
-            "see the "
-            "robot itself.",
+            f"{100 * share:.0f} % of the beams always end {near:.2f} m or less away while the robot drives: they see "
+            "the robot itself.",
             f"Leave them out: --set laser_min_range={near + 0.05:.2f}.",
         )  # fmt: skip
 
@@ -169,8 +167,7 @@ def _hanging(log: Log) -> Iterator[Finding]:
         yield Finding(
             "doubtful", "laser",
             f"{100 * share:.0f} % of the scans repeat the one before to the last digit although the wheels turned, "
-            "first "
-            f"at {log.times[row + 1]:.1f} s: the laser hangs.",
+            f"first at {log.times[row + 1]:.1f} s: the laser hangs.",
             "Look at the laser's cable and driver. Scans that are repeated say nothing of where the robot is.",
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from converters.bag import DESCRIPTION as BAG
 from converters.bag_file import open_recording
-from converters.cached import converted, read
+from converters.cached import Converted, converted, read
 from pipeline.check.container import findings_of_container, findings_of_text
 from pipeline.check.findings import Finding, of_remark, refusal, worst_first
 from pipeline.check.laser import findings_of_laser, findings_of_limits, findings_of_message
@@ -68,12 +68,13 @@ def look(
     A log that cannot be read is a finding like others. Raises MclError if there is no file, or one of no known format.
     """
     step("reading")
-    into = converted_or_refused(path, names)
+    into = _converted_or_refused(path, names)
     if isinstance(into, MclError):
         topics, seen = _recording(path)
         return Report(path, (), tuple(topics), tuple(worst_first([refusal(into), *seen])))
-    text = into is not None and into.format != BAG
-    source = into.mcap if text else path
+    bag = into is not None and into.format == BAG
+    text = into is not None and not bag
+    source = path if into is None or bag else into.mcap
     topics, seen = _recording(source)
     try:
         opened = read(path, grid, names)
@@ -83,9 +84,7 @@ def look(
     remarks = list(dict.fromkeys([*opened.remarks, *(() if grid is None else grid.remarks)]))
     found = [of_remark(remark) for remark in remarks]
     found += findings_of_text(path) if text else [finding for finding in seen if finding not in found]
-    chosen = log.metadata.get(
-        schema.SOURCE if source.is_dir() or (into is not None and not text) else schema.READER, {}
-    )
+    chosen = log.metadata.get(schema.SOURCE if bag else schema.READER, {})
     scan_topic, odometry_topic = (chosen.get(key, "") for key in ("scan_topic", "odometry_topic"))
     found += [*findings_of_clocks(log, topics, scan_topic, odometry_topic), *_angles(source, scan_topic)]
     found += at_a_glance(log, config)
@@ -125,7 +124,7 @@ def at_a_glance(log: Log, config: Config) -> list[Finding]:
     ]
 
 
-def converted_or_refused(path: Path, names: Names | None) -> Any:
+def _converted_or_refused(path: Path, names: Names | None) -> Converted | MclError | None:
     """What a raw log or a bag became, None for an .mcap; the error where its content is to blame.
 
     Raises MclError if there is no such file, or it is of no known format.

@@ -166,8 +166,7 @@ def findings_of_clocks(log: Log, topics: list[SeenTopic], scan_topic: str, odome
         yield Finding(
             "doubtful" if share > 0.1 else "noted", "odometry",
             f"{outside:,} of {outside + len(log):,} scans are from before the odometry begins or after it ends, and "
-            "are "
-            "not used.",
+            "are not used.",
             "Start the base before the recorder." if share > 0.1 else NOTHING,
         )  # fmt: skip
     by_name = {topic.name: topic for topic in topics}

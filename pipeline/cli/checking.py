@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -97,7 +98,5 @@ def warn(log: Log, config: Config) -> None:
 
 
 def _doing(what: str) -> None:
-    import sys
-
     if sys.stderr.isatty():
         console.note(f"{what} ...")

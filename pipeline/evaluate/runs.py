@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Literal, Protocol
-from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -268,10 +265,9 @@ def _outcome(work: _Work, log: Log, config: Config, seed: int, throwaway: bool) 
     key = None if work.kept is None else work.kept.key(log, config, seed, work.runner)
     if work.kept is not None and key is not None and (found := work.kept.read(key)) is not None:
         return found
-    with ExitStack() as stack:
-        if throwaway:
-            folder = stack.enter_context(TemporaryDirectory(prefix="mcl-table-"))
-            stack.enter_context(patch.dict(os.environ, {"MCL_CACHE_DIR": folder}))
+    from pipeline.maps.range_table import throwaway_tables  # here, for the same reason
+
+    with throwaway_tables() if throwaway else nullcontext():
         start = time.perf_counter()
         result = work.runner(log, config, seed=seed, threads=1)
         outcome = Outcome.of(result, time.perf_counter() - start)

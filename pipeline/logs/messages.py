@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.geometry import Pose
+from pipeline.logs import schema
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
 
@@ -112,11 +113,11 @@ class Log:
     @property
     def told(self) -> dict[str, str]:
         """What its converter and its reader tell of how it was read; where both do, the converter of the source."""
-        return {**self.metadata.get("reader", {}), **self.metadata.get("mcl:source", {})}
+        return {**self.metadata.get(schema.READER, {}), **self.metadata.get(schema.SOURCE, {})}
 
     def check_copied(self) -> None:
         """Raises MclError if the stamps are not those of the messages in the file, so that it cannot be copied."""
-        if self.converted is None and self.metadata.get("reader", {}).get("restamped"):
+        if self.converted is None and self.metadata.get(schema.READER, {}).get("restamped"):
             raise MclError(
                 "its messages have other stamps", "mcl convert makes a log of it that has these", path=self.path
             )
@@ -130,6 +131,12 @@ class Log:
     def duration(self) -> float:
         """Seconds from the first scan to the last."""
         return float(self.stamps[-1] - self.stamps[0]) / 1e9
+
+    def part(self, rows: slice | NDArray[np.int64]) -> Log:
+        """The same log with these scans only, in their order; it has no truth of its own."""
+        columns = ("stamps", "odometry", "ranges", "sweeps", "turns", "stretches")
+        taken = {name: column[rows] for name in columns if (column := getattr(self, name)) is not None}
+        return replace(self, **taken, ground_truth=None)
 
     def without_short(self, limit: float) -> Log:
         """The same log in which readings of at most ``limit`` metres are invalid."""

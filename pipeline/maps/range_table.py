@@ -6,11 +6,13 @@ import hashlib
 import os
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,6 +188,14 @@ def cache_dir() -> Path:
     if configured := os.environ.get("MCL_CACHE_DIR"):
         return Path(configured)
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mcl-replay"
+
+
+@contextmanager
+def throwaway_tables() -> Iterator[None]:
+    """Tables that are made meanwhile go into a folder that is removed at the end: nobody will ask for them again."""
+    with patch.dict(os.environ), tempfile.TemporaryDirectory(prefix="mcl-table-") as folder:
+        os.environ["MCL_CACHE_DIR"] = folder
+        yield
 
 
 def _width(span: int) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -97,6 +98,20 @@ def test_the_map_of_another_building_is_named(office: Log) -> None:
     other = draw_map(described("apartment"), build_world(described("apartment"), mapped=True), np.random.default_rng(0))
     tried = place(dataclasses.replace(office, grid=other), QUICK)
     assert "No place in the map explains the scans" in said(tried.findings)
+
+
+def test_a_robot_that_is_not_found_is_told_however_much_the_map_explains(
+    office: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def localized(log: Log, *_: object, **__: object) -> SimpleNamespace:
+        return SimpleNamespace(explained=np.full(len(log), 0.7), verdicts=(verdict,) * len(log))
+
+    monkeypatch.setattr("pipeline.check.map.localize", localized)
+    monkeypatch.setattr("pipeline.mirrored.localize", localized)
+    verdict = "ambiguous"
+    assert "not found in the map" in said(place(office, QUICK).findings, "doubtful")
+    verdict = "off the map"
+    assert place(office, QUICK).findings == ()
 
 
 @pytest.mark.parametrize(

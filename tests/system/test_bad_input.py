@@ -4,32 +4,12 @@ from __future__ import annotations
 
 import gzip
 import re
-import subprocess
-from contextlib import chdir
 from pathlib import Path
 
 import pytest
 from commands import Command, Journey
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.simulate import sample_dir
-
-
-@pytest.fixture(scope="module")
-def typed_here(tmp_path_factory: pytest.TempPathFactory) -> Command:
-    """Runs `mcl` in this process: a hundred times the start of a new one would take minutes."""
-    home, runner = tmp_path_factory.mktemp("here"), CliRunner(env={"NO_COLOR": "1"})
-
-    def run(*args: object, code: int = 0, cwd: Path = home) -> subprocess.CompletedProcess[str]:
-        words = list(map(str, args))
-        with chdir(cwd):
-            done = runner.invoke(app, words, prog_name="mcl")
-        assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-        assert done.exit_code == code, done.stderr
-        return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)
-
-    return run
 
 
 @pytest.fixture(scope="module")

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import subprocess
-from contextlib import chdir
 from pathlib import Path
 
 import buildings
 import numpy as np
 import pytest
 from commands import Command
-from typer.testing import CliRunner
 
-from pipeline.cli import app
 from pipeline.maps.map_server import load_map
 from pipeline.simulate import simulate_log
 from pipeline.simulate.files import write_mcap
@@ -23,22 +19,6 @@ from pipeline.world.seen import MEMORY, NEW, Seen, read_seen
 QUICK = ("--particles", 400, "--set", "min_particles=400", "--set", "recovery=none", "--no-record")
 BOX = {"at": [5.0, 4.2], "size": [0.6, 0.6]}
 """What the room has and its map has not."""
-
-
-@pytest.fixture(scope="module")
-def mcl(tmp_path_factory: pytest.TempPathFactory) -> Command:
-    """Runs `mcl` in this process: new ones would take longer to start than their runs."""
-    home, runner = tmp_path_factory.mktemp("here"), CliRunner(env={"NO_COLOR": "1"})
-
-    def run(*args: object, code: int = 0, cwd: Path = home) -> subprocess.CompletedProcess[str]:
-        words = list(map(str, args))
-        with chdir(cwd):
-            done = runner.invoke(app, words, prog_name="mcl")
-        assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
-        assert done.exit_code == code, done.stderr
-        return subprocess.CompletedProcess(words, done.exit_code, done.stdout, done.stderr)
-
-    return run
 
 
 @pytest.fixture(scope="module")
@@ -60,10 +40,10 @@ def start(logs: tuple[Path, Path]) -> tuple[str, str]:
 
 @pytest.fixture(scope="module")
 def first(
-    mcl: Command, logs: tuple[Path, Path], start: tuple[str, str], tmp_path_factory: pytest.TempPathFactory
+    typed_here: Command, logs: tuple[Path, Path], start: tuple[str, str], tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     run = tmp_path_factory.mktemp("first") / "run"
-    mcl("localize", logs[0], *start, *QUICK, "--require-found", "-o", run)
+    typed_here("localize", logs[0], *start, *QUICK, "--require-found", "-o", run)
     return run
 
 
@@ -97,39 +77,39 @@ def test_a_run_leaves_what_it_has_seen(first: Path) -> None:
 
 
 def test_a_run_begins_with_what_earlier_ones_saw_and_adds_to_it(
-    mcl: Command, logs: tuple[Path, Path], start: tuple[str, str], first: Path, tmp_path: Path
+    typed_here: Command, logs: tuple[Path, Path], start: tuple[str, str], first: Path, tmp_path: Path
 ) -> None:
     with_it, passes, both = tmp_path / "with", tmp_path / "passes", tmp_path / "both"
-    mcl("localize", logs[0], *start, *QUICK, "--memory", first, "-o", with_it)
-    mcl("localize", logs[0], *start, *QUICK, "--passes", 2, "-o", passes)
+    typed_here("localize", logs[0], *start, *QUICK, "--memory", first, "-o", with_it)
+    typed_here("localize", logs[0], *start, *QUICK, "--passes", 2, "-o", passes)
     alone = counted(read_seen(first / MEMORY))
     # Of a log that was seen before, its scans count once.
     for run in (with_it, passes):
         assert counted(read_seen(run / MEMORY)) == pytest.approx(alone, rel=0.2)
     # Of another log, both count.
-    done = mcl("localize", logs[0], *start, *QUICK, "--memory", of_another_log(first, tmp_path), "-o", both)
+    done = typed_here("localize", logs[0], *start, *QUICK, "--memory", of_another_log(first, tmp_path), "-o", both)
     assert counted(read_seen(both / MEMORY)) > 1.5 * alone
     assert "began with" in done.stderr
     assert json.loads((both / "run.json").read_text())["memory"]["began_with_logs"] == ["another"]
 
 
 def test_who_asks_for_a_robot_that_is_found_is_told_if_it_is_not(
-    mcl: Command, logs: tuple[Path, Path], tmp_path: Path
+    typed_here: Command, logs: tuple[Path, Path], tmp_path: Path
 ) -> None:
     """The run is there all the same; without asking, it is a run like others."""
     elsewhere = ("--pose", "8.5,1.5,1.0", *QUICK)
     run = tmp_path / "lost"
-    done = mcl("localize", logs[0], *elsewhere, "--require-found", "-o", run, code=3)
+    done = typed_here("localize", logs[0], *elsewhere, "--require-found", "-o", run, code=3)
     assert done.stdout.strip() == str(run)
     figures = json.loads((run / "run.json").read_text())["figures"]
     assert figures["verdict"]["at_end"] in ("lost", "ambiguous")
-    told = json.loads(mcl("localize", logs[0], *elsewhere, "--json", "-o", tmp_path / "again").stdout)
+    told = json.loads(typed_here("localize", logs[0], *elsewhere, "--json", "-o", tmp_path / "again").stdout)
     assert told["figures"]["verdict"] == figures["verdict"]
 
 
-def test_a_map_is_made_of_one_run_or_several(mcl: Command, first: Path, tmp_path: Path) -> None:
+def test_a_map_is_made_of_one_run_or_several(typed_here: Command, first: Path, tmp_path: Path) -> None:
     out = tmp_path / "new.yaml"
-    done = mcl("export", first, "-o", out)
+    done = typed_here("export", first, "-o", out)
     assert done.stdout == f"{out}\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new.pgm", "new.yaml"]
     renewed, found = read_seen(first / MEMORY).renewed(), load_map(out)
@@ -137,26 +117,26 @@ def test_a_map_is_made_of_one_run_or_several(mcl: Command, first: Path, tmp_path
     assert found.resolution == pytest.approx(renewed.resolution)
     np.testing.assert_array_equal(found.occupied(0.65), renewed.occupied(0.65))
     np.testing.assert_array_equal(found.free(0.25), renewed.free(0.25))
-    assert "--force" in mcl("export", first, "-o", out, code=1).stderr
-    assert "the same log" in mcl("export", first, first, "-o", out, "--force", code=1).stderr
+    assert "--force" in typed_here("export", first, "-o", out, code=1).stderr
+    assert "the same log" in typed_here("export", first, first, "-o", out, "--force", code=1).stderr
     other = of_another_log(first, tmp_path)
-    mcl("export", first, other, "-o", out, "--force")
+    typed_here("export", first, other, "-o", out, "--force")
     together = read_seen(first / MEMORY).merged(read_seen(other / MEMORY))
     np.testing.assert_array_equal(load_map(out).occupied(0.65), together.renewed().occupied(0.65))
 
 
 def test_the_renewed_map_is_one_to_localize_on(
-    mcl: Command, logs: tuple[Path, Path], start: tuple[str, str], first: Path, tmp_path: Path
+    typed_here: Command, logs: tuple[Path, Path], start: tuple[str, str], first: Path, tmp_path: Path
 ) -> None:
-    mcl("export", first, "-o", tmp_path / "new.yaml")
+    typed_here("export", first, "-o", tmp_path / "new.yaml")
     run = tmp_path / "run"
-    mcl("localize", logs[0], "--map", tmp_path / "new.yaml", *start, *QUICK, "--require-found", "-o", run)
+    typed_here("localize", logs[0], "--map", tmp_path / "new.yaml", *start, *QUICK, "--require-found", "-o", run)
     explained = [json.loads((r / "run.json").read_text())["figures"]["explained"] for r in (first, run)]
     assert explained[1] > explained[0]  # the box is on it
 
 
 def test_what_is_no_memory_to_begin_with_is_said_in_one_line_and_leaves_nothing(
-    mcl: Command, logs: tuple[Path, Path], first: Path, tmp_path: Path
+    typed_here: Command, logs: tuple[Path, Path], first: Path, tmp_path: Path
 ) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "damaged").mkdir()
@@ -169,10 +149,10 @@ def test_what_is_no_memory_to_begin_with_is_said_in_one_line_and_leaves_nothing(
         (logs[1], first): "another map",
     }
     for (log, memory), said in refused.items():
-        done = mcl("localize", log, *QUICK, "--memory", memory, "-o", tmp_path / "run", code=1)
+        done = typed_here("localize", log, *QUICK, "--memory", memory, "-o", tmp_path / "run", code=1)
         (line,) = [line for line in done.stderr.splitlines() if line.startswith("error")]
         assert said in line
         assert not (tmp_path / "run").exists()
-    assert "no memory of a run" in mcl("export", tmp_path / "empty", "-o", tmp_path / "a.yaml", code=1).stderr
-    assert "give one run" in mcl("export", first, first, "-o", tmp_path / "a.png", code=2).stderr
+    assert "no memory of a run" in typed_here("export", tmp_path / "empty", "-o", tmp_path / "a.yaml", code=1).stderr
+    assert "give one run" in typed_here("export", first, first, "-o", tmp_path / "a.png", code=2).stderr
     assert not list(tmp_path.glob("a.*"))

@@ -36,7 +36,7 @@ def test_a_run_folder_holds_its_files(journey: Journey) -> None:
     run = json.loads((journey.run / "run.json").read_text())
     assert run["seed"] == 1
     assert run["log"]["scans"] == len(read_tum(journey.run / "trajectory.tum").stamps)
-    assert set(run) == {"log", "seed", "figures", "truth", "seconds", "speed", "versions"}
+    assert set(run) == {"log", "seed", "figures", "memory", "truth", "seconds", "speed", "versions"}
 
 
 def test_the_saved_configuration_says_how_to_repeat_the_run(mcl: Command, journey: Journey, tmp_path: Path) -> None:
