@@ -17,6 +17,7 @@ from pipeline.filter.step import Event, Step
 from pipeline.logs.messages import Log, Scan, Trajectory
 
 if TYPE_CHECKING:
+    from pipeline.filter.substeps import SubSteps
     from pipeline.judgement.verdict import Kind
     from pipeline.world.seen import Seen
 
@@ -72,12 +73,14 @@ def localize(
     sinks: Sequence[Sink] = (),
     progress: Callable[[Iterable[Scan]], Iterable[Scan]] = iter,
     seen: Seen | None = None,
+    substeps: SubSteps | None = None,
 ) -> RunResult:
     """Run Monte Carlo localization over a log; the same log, config and seed give the same result at any ``threads``.
 
-    ``seen``: what earlier runs on this map have shown of the world, to begin with.
+    ``seen``: what earlier runs on this map have shown of the world, to begin with. ``substeps``: is told what happens
+    within the updates, which changes no result.
 
-    Raises MclError if the log has no map, or the map no room for a robot.
+    Raises MclError if the log has no map, or the map no room for a robot, or a grid shall tell of its sub-steps.
     """
     if log.grid is None:
         raise MclError("the log has no map", "give one with --map", path=log.path)
@@ -94,6 +97,8 @@ def localize(
     with use_threads(threads):
         kind = GridFilter if config.filter == "grid" else ParticleFilter
         mcl = kind(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
+        if substeps is not None:
+            mcl.watch(substeps)
         clock.lap("start")
         steps = _Columns(len(log))
         for scan in progress(log.scans()):

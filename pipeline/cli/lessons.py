@@ -12,6 +12,7 @@ import typer
 from pipeline import console
 from pipeline.cli.lines import columns, look_at
 from pipeline.cli.parameters import JsonOption
+from pipeline.errors import MclError
 from pipeline.outputs import check_output, check_suffix, replacing
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def lesson(
         _show(chosen, check, output)
     elif output is not None:
         check_suffix(output, ".py", "the name of a starter file ends in .py")
-        check_output(output, force=False)
+        _check_output(output)
         with replacing(output) as part:
             part.write_text(chosen.starter(output), encoding="utf-8")
         console.result(str(output))
@@ -142,7 +143,8 @@ def _diagnosis(judgement: Judgement) -> str:
     texts = "; and ".join(mistake.text for mistake in judgement.mistakes)
     if judgement.explained == judgement.differing:
         return f"this could be: {texts} (every answer is what it would be then)"
-    return f"this could be: {texts} ({judgement.explained} of {judgement.differing} wrong answers are what they would be then)"
+    share = f"{judgement.explained} of {judgement.differing} wrong answers are"
+    return f"this could be: {texts} ({share} what they would be then)"
 
 
 def _show(chosen: Lesson, path: Path | None, output: Path | None) -> None:
@@ -154,7 +156,7 @@ def _show(chosen: Lesson, path: Path | None, output: Path | None) -> None:
     function: Function = chosen.reference if path is None else Written(path, chosen.function)
     if output is not None:
         check_suffix(output, ".rrd", "the name of a recording ends in .rrd")
-        check_output(output, force=False)
+        _check_output(output)
         record_step(chosen, function, output, PATIENCE)
         console.note(look_at(output))
         console.result(str(output))
@@ -163,3 +165,9 @@ def _show(chosen: Lesson, path: Path | None, output: Path | None) -> None:
         recording = Path(folder) / f"lesson-{chosen.name}.rrd"
         record_step(chosen, function, recording, PATIENCE)
         show(recording)
+
+
+def _check_output(output: Path) -> None:
+    if output.exists():
+        raise MclError("this file exists already", "what was written is never overwritten: name another", path=output)
+    check_output(output, force=False)

@@ -25,3 +25,8 @@ def draw_ancestors(
     else:
         resampling.multinomial(weights, np.sort(uniforms(key, n)), ancestors)
     return ancestors
+
+
+def teeth(n: int, method: Literal["low_variance", "multinomial"], key: np.uint64) -> NDArray[np.float64]:
+    """(n,) where ``draw_ancestors`` looks at the cumulative weights, ascending in [0, 1), for whoever draws it."""
+    return (np.arange(n) + uniforms(key, 1)[0]) / n if method == "low_variance" else np.sort(uniforms(key, n))

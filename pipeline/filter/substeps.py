@@ -28,7 +28,7 @@ class SubStep:
     from. After weighing: with their new weights. In a resampling: those that are drawn from, ``ancestors`` (m,) int32,
     the indices of those that survive, as often as they do, and ``teeth`` (m,) float64, ascending in [0, 1), the places
     on the cumulative weights that chose them; None where the resampler has none.
-    ``estimate``: a Gaussian summary, None where there is none yet.
+    ``estimate``: a Gaussian summary of the latest weighing, None before the first one.
     """
 
     kind: Kind
@@ -50,22 +50,27 @@ class SubSteps:
         self._grid: OccupancyGrid = log.grid
         self._times, self._first, self._last, self._tell = log.times, first, last, tell
 
-    def predicted(self, scan: int, before: NDArray[np.float32], particles: Particles) -> None:
+    def predicted(self, scan: int, before: NDArray[np.float32], particles: Particles, estimate: Estimate) -> None:
         """The particles have moved; ``before`` (3, n) float32, grid frame, is where they were."""
         if self._wanted(scan):
-            self._say("predict", scan, particles, before=self._in_map(before))
+            self._say("predict", scan, particles, estimate, before=self._in_map(before))
 
     def weighed(self, scan: int, particles: Particles, estimate: Estimate) -> None:
         """The particles have new weights; ``estimate``: the heaviest hypothesis among them."""
         if self._wanted(scan):
-            self._say("weigh", scan, particles, estimate=estimate)
+            self._say("weigh", scan, particles, estimate)
 
     def resampled(
-        self, scan: int, particles: Particles, ancestors: NDArray[np.int32], teeth: NDArray[np.float64] | None
+        self,
+        scan: int,
+        particles: Particles,
+        estimate: Estimate,
+        ancestors: NDArray[np.int32],
+        teeth: NDArray[np.float64] | None,
     ) -> None:
         """These particles (m,) of those that there are survive, chosen by ``teeth`` (m,)."""
         if self._wanted(scan):
-            self._say("resample", scan, particles, ancestors=ancestors.copy(), teeth=teeth)
+            self._say("resample", scan, particles, estimate, ancestors=ancestors.copy(), teeth=teeth)
 
     def _wanted(self, scan: int) -> bool:
         return bool(self._first <= self._times[scan] <= self._last)
@@ -75,11 +80,11 @@ class SubSteps:
         kind: Kind,
         scan: int,
         particles: Particles,
+        estimate: Estimate,
         *,
         before: NDArray[np.float32] | None = None,
         ancestors: NDArray[np.int32] | None = None,
         teeth: NDArray[np.float64] | None = None,
-        estimate: Estimate | None = None,
     ) -> None:
         poses, weights = self._in_map(particles.poses), particles.weights.copy()
         time = float(self._times[scan])

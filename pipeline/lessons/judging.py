@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.filter.substeps import SubStep
@@ -19,10 +20,10 @@ from pipeline.lessons.lesson import Lesson, Mistake
 from pipeline.lessons.on_log import RUNS, Outcome
 from pipeline.lessons.written import Written
 
+Flags = NDArray[np.bool_]
+
 PATIENCE = 30.0
 """Seconds that all questions, and the log, may take each."""
-WORST = 3
-"""Wrong answers that are shown of each group."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def judge(lesson: Lesson, path: Path, *, patience: float = PATIENCE, always_on_l
         answers = _asked(lesson, written)
     exam = lesson.exam
     off = np.abs(apart(exam.questions, answers, exam.expected))
-    differs = ~(off <= exam.tolerance)
+    differs = ~np.less_equal(off, exam.tolerance)  # no number is no right answer
     mistakes, explained = _explanation(lesson, answers, differs) if differs.any() else ((), 0)
     outcome, reference, stopped = None, None, ""
     if always_on_log or not differs.any():
@@ -179,7 +180,7 @@ def _answers(lesson: Lesson, *mistakes: Mistake) -> Array | Exception:
         return error
 
 
-def _explanation(lesson: Lesson, answers: Array, differs: Array) -> tuple[tuple[Mistake, ...], int]:
+def _explanation(lesson: Lesson, answers: Array, differs: Flags) -> tuple[tuple[Mistake, ...], int]:
     """The mistake, or two of them together, that give these answers, and how many of the wrong ones that explains.
 
     Where there is none, the mistake that gives most of the wrong answers, and of the right ones too.
@@ -205,7 +206,7 @@ def _pairs(mistakes: list[Mistake]) -> Iterator[tuple[Mistake, Mistake]]:
             yield a, b
 
 
-def _alike(lesson: Lesson, answers: Array, *mistakes: Mistake) -> Any:
+def _alike(lesson: Lesson, answers: Array, *mistakes: Mistake) -> Flags:
     """(m,) which answers are those that these mistakes give, as far as chance and rounding allow."""
     told = _answers(lesson, *mistakes)
     if isinstance(told, Exception):
@@ -222,7 +223,7 @@ def _distance(lesson: Lesson, answers: Array, mistake: Mistake) -> float:
     return float(np.nansum(np.abs(apart(lesson.exam.questions, answers, told)) / lesson.exam.tolerance))
 
 
-def _groups(lesson: Lesson, answers: Array, times: Array, differs: Array) -> tuple[Group, ...]:
+def _groups(lesson: Lesson, answers: Array, times: Array, differs: Flags) -> tuple[Group, ...]:
     questions, expected = lesson.exam.questions, lesson.exam.expected
     names = list(dict.fromkeys(question.group for question in questions))
     groups = []

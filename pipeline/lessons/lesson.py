@@ -53,7 +53,7 @@ class Lesson:
         signature = f"def {self.function}({names}):"
         if len(signature) > 100:
             names = textwrap.fill(names, 96, initial_indent="    ", subsequent_indent="    ")
-            signature = f"def {self.function}(\n{names},\n):"
+            signature = f"def {self.function}(\n{names}\n):"
         return (
             f'"""Lesson {self.name}: {self.title}.\n\n{self.source}.\n\n{textwrap.fill(self.task, 100)}\n\n'
             f"Write the function below, and check it with\n\n    mcl lesson {self.name} --check {path}\n"

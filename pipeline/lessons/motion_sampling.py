@@ -147,7 +147,7 @@ def _told(poses: Array, moved: Array) -> Array:
 
 def _correlations(off: Array, deviations: Array) -> Array:
     """Between the three parts, where both have noise; 0 elsewhere."""
-    found = np.nan_to_num(np.corrcoef(off.T))
+    found: Array = np.nan_to_num(np.asarray(np.corrcoef(off.T)))
     noisy = deviations > _LEAST
     return np.array([found[a, b] if noisy[a] and noisy[b] else 0.0 for a, b in ((0, 1), (0, 2), (1, 2))])
 

@@ -55,6 +55,7 @@ class Filter:
     counts: list[int] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
     resampled: int = 0
+    _estimate: Estimate | None = None
 
     def run(self, carried: int | None = None) -> Array:
         """(scans,) m: how far the weighted mean is from the truth.
@@ -83,9 +84,10 @@ class Filter:
             self.counts.append(len(poses))
             self.shares.append(share)
             weights = _normalised(log_weights)
-            estimate = _estimate(poses, weights)
-            self._say("weigh", k, poses, weights, estimate=estimate)
-            errors.append(float(np.hypot(*(estimate.pose - drive.truth[k])[:2])))
+            mean, covariance = _mean(poses, weights)
+            self._estimate = Estimate(drive.grid.to_map(mean), covariance)
+            self._say("weigh", k, poses, weights)
+            errors.append(float(np.hypot(*(mean - drive.truth[k])[:2])))
         return np.array(errors)
 
     def _survivors(self, k: int, poses: Array, weights: Array, share: float, rng: np.random.Generator) -> Array:
@@ -178,7 +180,6 @@ class Filter:
         before: Array | None = None,
         ancestors: NDArray[np.int64] | None = None,
         teeth: Array | None = None,
-        estimate: Estimate | None = None,
     ) -> None:
         grid, drive = self.drive.grid, self.drive
         self.tell(
@@ -191,7 +192,7 @@ class Filter:
                 None if before is None else grid.to_map(before).astype(np.float32),
                 None if ancestors is None else ancestors.astype(np.int32),
                 teeth,
-                estimate,
+                self._estimate,
             )
         )
 
@@ -201,10 +202,10 @@ def _normalised(log_weights: Array) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def _estimate(poses: Array, weights: Array) -> Estimate:
-    """Weighted mean and covariance."""
+def _mean(poses: Array, weights: Array) -> tuple[Array, Array]:
+    """Weighted mean (3,) and covariance (3, 3)."""
     yaw = np.arctan2(weights @ np.sin(poses[:, 2]), weights @ np.cos(poses[:, 2]))
     mean = np.array([*(weights @ poses[:, :2]), yaw])
     off = poses - mean
     off[:, 2] = wrap_angle(off[:, 2])
-    return Estimate(mean, (off * weights[:, None]).T @ off)
+    return mean, (off * weights[:, None]).T @ off

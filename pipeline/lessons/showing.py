@@ -1,0 +1,38 @@
+"""One step of a filter that uses a lesson's function, as a recording."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+from pipeline.filter.substeps import SubStep
+from pipeline.lessons.drive import embedded_drive
+from pipeline.lessons.exam import Function
+from pipeline.lessons.judging import run_on_log
+from pipeline.lessons.lesson import Lesson
+from pipeline.lessons.written import Written
+from pipeline.recording.substeps import write_substeps
+
+SETTLED = 2
+"""Scans before the one that is shown: at the first ones the particles are still where they were put."""
+
+
+def record_step(lesson: Lesson, function: Function, path: Path, patience: float) -> None:
+    """Write a recording of one scan's sub-steps, with this function in the place of the lesson's own.
+
+    A scan is chosen at which as much as possible happens. Raises MclError where the function fails, takes longer than
+    ``patience`` s, or nothing can be written.
+    """
+    steps: list[SubStep] = []
+    if isinstance(function, Written):
+        with function.within(patience):
+            run_on_log(lesson, function, steps)
+    else:
+        run_on_log(lesson, function, steps)
+    parts = Counter(step.scan for step in steps)
+    later = list(parts)[SETTLED:]
+    chosen = max(later, key=lambda scan: (parts[scan], -scan))
+    drive = embedded_drive()
+    shown = [step for step in steps if step.scan == chosen]
+    truth = drive.grid.to_map(drive.truth[[step.scan for step in shown]])
+    write_substeps(path, f"lesson-{lesson.name}-scan{chosen}", drive.grid, shown, truth)
