@@ -106,7 +106,9 @@ def _told(judgement: Judgement) -> list[str]:
     lines += _of_log(judgement)
     if judgement.mistakes:
         lines += textwrap.wrap(_diagnosis(judgement), 110, initial_indent="  ", subsequent_indent="    ")
-    elif not judgement.answers_right:
+    if judgement.relation:
+        lines.append(f"  {judgement.relation}")
+    if not judgement.mistakes and not judgement.relation and not judgement.answers_right:
         lines.append("  none of the mistakes that are often made gives these answers")
     return lines
 

@@ -146,5 +146,35 @@ LESSON = Lesson(
             "the logarithm of the likelihood is returned",
             {"np.asarray(z_hit": "np.log(z_hit"},
         ),
+        Mistake("the exponent of p_hit has the wrong sign", {"np.exp(-0.5 * ((z": "np.exp(0.5 * ((z"}),
+        Mistake(
+            "the difference of the ranges is not squared in p_hit",
+            {"((z - z_star) / sigma_hit) ** 2": "((z - z_star) / sigma_hit)"},
+        ),
+        Mistake(
+            "the square root of two pi is not taken",
+            {"(math.sqrt(2.0 * math.pi) * sigma_hit)": "(2.0 * math.pi * sigma_hit**2)"},
+        ),
+        Mistake(
+            "the exponent of p_short has the wrong sign", {"np.exp(-lambda_short * z)": "np.exp(lambda_short * z)"}
+        ),
+        Mistake(
+            "p_short is multiplied by its integral, and not divided by it", {" / (1.0 - np.exp(": " * (1.0 - np.exp("}
+        ),
+        Mistake(
+            "1 + exp stands in the integral of p_short, where 1 - exp should", {"(1.0 - np.exp(": "(1.0 + np.exp("}
+        ),
+        Mistake(
+            "the integral of p_hit is the sum of two values of the error function, where it should be their difference",
+            {"spread) - _erf(": "spread) + _erf("},
+        ),
+        Mistake("p_max counts everywhere but where nothing came back", {"z == max_range": "z != max_range"}),
+        Mistake("p_short is subtracted", {"+ z_short * p_short": "- z_short * p_short"}),
+        Mistake("p_max is subtracted", {"+ z_max * p_max": "- z_max * p_max"}),
+        Mistake("p_rand is subtracted", {"+ z_rand * p_rand": "- z_rand * p_rand"}),
+        Mistake(
+            "p_rand is multiplied by max_range, and not divided by it",
+            {"z < max_range, 1.0 / max_range": "z < max_range, max_range"},
+        ),
     ),
 )

@@ -88,7 +88,10 @@ LESSON = Lesson(
         ),
         Mistake("x and y are exchanged in arctan2", {"np.arctan2(dy, dx) - mean[2]": "np.arctan2(dx, dy) - mean[2]"}),
         Mistake("the difference goes from the landmark to the robot", {"landmark - mean[:2]": "mean[:2] - landmark"}),
-        Mistake("the signs of the Jacobian's first row are wrong", {"-dx / r, -dy / r, 0.0": "dx / r, dy / r, 0.0"}),
+        Mistake(
+            "the signs of the Jacobian's first row are wrong, or the difference of the ranges is the wrong way round",
+            {"-dx / r, -dy / r, 0.0": "dx / r, dy / r, 0.0"},
+        ),
         Mistake(
             "the signs of dy/q and dx/q in the Jacobian's second row are wrong",
             {"dy / q, -dx / q, -1.0": "-dy / q, dx / q, -1.0"},
@@ -123,6 +126,38 @@ LESSON = Lesson(
         Mistake(
             "the square root is missing: the squared range is compared",
             {"z_hat = np.array([r,": "z_hat = np.array([q,"},
+        ),
+        Mistake(
+            "the difference to the landmark is the wrong way round in x", {"    q = dx": "    dx = -dx\n    q = dx"}
+        ),
+        Mistake(
+            "the difference to the landmark is the wrong way round in y", {"    q = dx": "    dy = -dy\n    q = dx"}
+        ),
+        Mistake(
+            "the robot's yaw is added to the direction, and not subtracted",
+            {"np.arctan2(dy, dx) - mean[2]": "np.arctan2(dy, dx) + mean[2]"},
+        ),
+        Mistake(
+            "the difference of the directions is the wrong way round",
+            {"wrap_angle(innovation[1])": "wrap_angle(-innovation[1])"},
+        ),
+        Mistake("the measurement's noise is subtracted", {"+ np.diag(deviations**2)": "- np.diag(deviations**2)"}),
+        Mistake("the sign of dx/r in the Jacobian's first row is wrong", {"-dx / r": "dx / r"}),
+        Mistake("the sign of dy/r in the Jacobian's first row is wrong", {"-dy / r": "dy / r"}),
+        Mistake("the sign of dy/q in the Jacobian's second row is wrong", {"dy / q": "-dy / q"}),
+        Mistake("the sign of dx/q in the Jacobian's second row is wrong", {"-dx / q": "dx / q"}),
+        Mistake(
+            "the deviation of the range is not squared",
+            {"np.diag(deviations**2)": "np.diag([deviations[0], deviations[1] ** 2])"},
+        ),
+        Mistake(
+            "the deviation of the direction is not squared",
+            {"np.diag(deviations**2)": "np.diag([deviations[0] ** 2, deviations[1]])"},
+        ),
+        Mistake("both have the deviation of the range", {"np.diag(deviations**2)": "deviations[0] ** 2 * np.eye(2)"}),
+        Mistake(
+            "the covariance has the wrong sign: K H - I, where I - K H should be",
+            {"np.eye(3) - gain @ h": "gain @ h - np.eye(3)"},
         ),
     ),
 )

@@ -158,9 +158,13 @@ def numbers(result: Any, name: str, arguments: Sequence[Any]) -> Array:
 
 
 def shaped(found: Array, shape: tuple[int, ...], name: str, arguments: Sequence[Any]) -> Array:
-    """The same, if it has this shape (a single number may be an array of one). Raises Unusable otherwise."""
+    """The same, if it has this shape (a single number may be an array of one) and no NaN. Raises Unusable if not."""
     if found.shape != shape and not (found.size == 1 and shape == ()):
         raise Unusable(f"{name} should have the shape {shape}, and has {found.shape}", arguments)
+    if np.isnan(found).any():
+        bad = np.argwhere(np.isnan(found))
+        where = f" at {bad[0].tolist()}" if found.ndim else ""
+        raise Unusable(f"{name} is not a number (NaN){where}", arguments)
     return found
 
 

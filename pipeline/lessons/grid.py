@@ -97,5 +97,8 @@ LESSON = Lesson(
         ),
         Mistake("the loop misses the last cell", {"for i in range(n)": "for i in range(n - 1)"}),
         Mistake("the loop misses the first cell", {"for i in range(n)": "for i in range(1, n)"}),
+        Mistake("the likelihood is divided by, and not multiplied", {"likelihood * moved": "moved / likelihood"}),
+        Mistake("the indices of the old belief are off by one", {"belief[i]": "belief[i - 1]"}),
+        Mistake("the indices of the result are off by one", {"moved[k] +=": "moved[k - 1] +="}),
     ),
 )

@@ -22,6 +22,8 @@ from pipeline.lessons.written import Written
 
 Flags = NDArray[np.bool_]
 
+LIKELIEST = 8
+"""Mistakes of which two at once are tried."""
 PATIENCE = 30.0
 """Seconds that all questions, and the log, may take each."""
 
@@ -49,7 +51,8 @@ class Judgement:
     """What came out: ``groups`` in the order of asking.
 
     ``mistakes``: those that explain all wrong answers together, or the one that explains most of them, ``explained`` of
-    ``differing``. On the log: ``outcome`` and that of the reference, None if it was not tried, and ``stopped``: why it
+    ``differing``; ``relation``: what all wrong answers have to do with the right ones, empty if that is nothing simple.
+    On the log: ``outcome`` and that of the reference, None if it was not tried, and ``stopped``: why it
     came to no end.
     """
 
@@ -57,6 +60,7 @@ class Judgement:
     path: Path
     groups: tuple[Group, ...]
     mistakes: tuple[Mistake, ...]
+    relation: str
     explained: int
     differing: int
     outcome: Outcome | None
@@ -98,6 +102,7 @@ class Judgement:
                 for group in self.groups
             ],
             "mistakes": [mistake.text for mistake in self.mistakes],
+            "relation": self.relation,
             "explained": self.explained,
             "differing": self.differing,
             "log": None
@@ -116,10 +121,8 @@ def judge(lesson: Lesson, path: Path, *, patience: float = PATIENCE, always_on_l
     written = Written(path, lesson.function)
     with written.within(patience):
         answers = _asked(lesson, written)
-    exam = lesson.exam
-    off = np.abs(apart(exam.questions, answers, exam.expected))
-    differs = ~np.less_equal(off, exam.tolerance)  # no number is no right answer
-    mistakes, explained = _explanation(lesson, answers, differs) if differs.any() else ((), 0)
+    off, differs = _differences(lesson, answers)
+    mistakes, explained = explanation(lesson, answers)
     outcome, reference, stopped = None, None, ""
     if always_on_log or not differs.any():
         try:
@@ -130,8 +133,10 @@ def judge(lesson: Lesson, path: Path, *, patience: float = PATIENCE, always_on_l
             stopped = str(error)
         except Exception as error:  # a filter that is fed nonsense
             stopped = f"{type(error).__name__}: {error}"
-    groups = _groups(lesson, answers, off / exam.tolerance, differs)
-    return Judgement(lesson, path, groups, mistakes, explained, int(differs.sum()), outcome, reference, stopped)
+    groups = _groups(lesson, answers, off, differs)
+    relation = _relation(answers[differs], lesson.exam.expected[differs])
+    differing = int(differs.sum())
+    return Judgement(lesson, path, groups, mistakes, relation, explained, differing, outcome, reference, stopped)
 
 
 def run_on_log(lesson: Lesson, function: Function, steps: list[SubStep] | None = None) -> Outcome:
@@ -180,24 +185,73 @@ def _answers(lesson: Lesson, *mistakes: Mistake) -> Array | Exception:
         return error
 
 
-def _explanation(lesson: Lesson, answers: Array, differs: Flags) -> tuple[tuple[Mistake, ...], int]:
+def _differences(lesson: Lesson, answers: Array) -> tuple[Array, Flags]:
+    """(m,) how far the answers are from the right ones, in tolerances, and which of them are wrong."""
+    exam = lesson.exam
+    off = np.abs(apart(exam.questions, answers, exam.expected)) / exam.tolerance
+    return off, ~np.less_equal(off, 1.0)
+
+
+def explanation(lesson: Lesson, answers: Array) -> tuple[tuple[Mistake, ...], int]:
     """The mistake, or two of them together, that give these answers, and how many of the wrong ones that explains.
 
     Where there is none, the mistake that gives most of the wrong answers, and of the right ones too.
     """
-    wrong = int(differs.sum())
+    _, differs = _differences(lesson, answers)
+    if not (wrong := int(differs.sum())):
+        return (), 0
     alone = {mistake: _alike(lesson, answers, mistake) for mistake in lesson.mistakes}
     if whole := [mistake for mistake, alike in alone.items() if alike.all()]:
         return (min(whole, key=lambda mistake: _distance(lesson, answers, mistake)),), wrong
-    # Two mistakes at once: either of them gives some answer that is wrong otherwise.
+    # Two mistakes at once: either of them alone gives some of the answers that are wrong.
     some = [mistake for mistake, alike in alone.items() if (alike & differs).any()]
-    for pair in _pairs(some):
+    some = sorted(some, key=lambda mistake: -int(alone[mistake].sum()))
+    for pair in _pairs(some[:LIKELIEST]):
         if _alike(lesson, answers, *pair).all():
             return pair, wrong
-    told = sorted(some, key=lambda mistake: -int(alone[mistake].sum()))
-    if told and alone[told[0]].sum() > (~differs).sum() and (alone[told[0]] & differs).sum() >= wrong / 2:
-        return (told[0],), int((alone[told[0]] & differs).sum())
+    if some and alone[some[0]].sum() > (~differs).sum() and (alone[some[0]] & differs).sum() >= wrong / 2:
+        return (some[0],), int((alone[some[0]] & differs).sum())
     return (), 0
+
+
+FACTORS = {
+    -1.0: "the sign is wrong",
+    180.0 / np.pi: "degrees, where radians should be?",
+    np.pi / 180.0: "radians, where degrees should be?",
+    100.0: "centimetres, or per cent?",
+    0.01: "is something taken for centimetres, or for per cent?",
+    2.0: "twice as much as it should be",
+    0.5: "half of what it should be",
+    np.sqrt(2.0 * np.pi): "a factor of the square root of 2 pi",
+    1.0 / np.sqrt(2.0 * np.pi): "a factor of the square root of 2 pi",
+}
+"""What it may be if all wrong answers are so many times what they should be."""
+
+
+def _relation(answers: Array, expected: Array) -> str:
+    """What all wrong answers (k,) have to do with the right ones, in a sentence; empty for fewer than three of them."""
+    if len(answers) < 3:
+        return ""
+    if not np.isfinite(answers).any():
+        return "none of the wrong answers is a number"
+    if np.ptp(answers) == 0.0:
+        return f"the wrong answers are all {answers[0]:.4g}"
+    with np.errstate(all="ignore"):
+        simple = {
+            "one over": 1.0 / expected,
+            "the logarithm of": np.log(expected),
+            "the square of": expected**2,
+            "the square root of": np.sqrt(expected),
+        }
+        for text, made in simple.items():
+            if np.allclose(answers, made, rtol=1e-2, atol=0.0):
+                return f"the wrong answers are all {text} what they should be"
+        factors = answers / expected
+    if not np.isfinite(factors).all() or np.ptp(factors) > 1e-2 * abs(factors[0]):
+        return ""
+    factor = float(np.median(factors))
+    known = next((text for value, text in FACTORS.items() if np.isclose(value, factor, rtol=1e-2)), "")
+    return f"the wrong answers are all {factor:.4g} times what they should be" + (f": {known}" if known else "")
 
 
 def _pairs(mistakes: list[Mistake]) -> Iterator[tuple[Mistake, Mistake]]:

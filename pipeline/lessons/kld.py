@@ -51,7 +51,7 @@ LESSON = Lesson(
         "times, and that the approximation is a third power."
     ),
     reference=kld_particles,
-    exam=Exact(kld_particles, [Returned("particles", "particles")], _cases(), least=1.0),
+    exam=Exact(kld_particles, [Returned("particles", "particles")], _cases(), least=0.999),
     mistakes=(
         Mistake(
             "the number of bins is taken, and not one less",
@@ -82,5 +82,11 @@ LESSON = Lesson(
             "the probability is not turned into a quantile, but used itself: z is given already",
             {"np.sqrt(a) * quantile": "np.sqrt(a) * 0.01"},
         ),
+        Mistake("the sign of 1 - 2/9... is the wrong way round", {"1.0 - a +": "a - 1.0 +"}),
+        Mistake(
+            "one is added to the number of bins, and not taken off",
+            {"(9.0 * (bins - 1))": "(9.0 * (bins + 1))", "(bins - 1) / (2.0": "(bins + 1) / (2.0"},
+        ),
+        Mistake("three times stands where the third power should", {" ** 3)": " * 3)"}),
     ),
 )

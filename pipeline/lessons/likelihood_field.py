@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.lessons.exam import Array, Case, Exact, Returned
 from pipeline.lessons.lesson import Lesson, Mistake
 
-RESOLUTION, ROWS, COLUMNS = 0.1, 60, 95
+RESOLUTION, ROWS, COLUMNS = 0.1, 100, 135
 """Of the map in the cases: m, cells."""
 
 
@@ -56,7 +56,7 @@ def _field() -> Array:
     """Distances to a few obstacles, with nothing that is the same to the left and to the right, or above and below."""
     x = (np.arange(COLUMNS) + 0.5) * RESOLUTION
     y = (np.arange(ROWS) + 0.5) * RESOLUTION
-    stones = np.array([(1.0, 1.2), (3.7, 4.9), (6.1, 2.2), (8.8, 5.1), (7.4, 0.4)])
+    stones = np.array([(3.0, 3.2), (5.7, 6.9), (8.1, 4.2), (10.8, 7.1), (9.4, 2.4), (1.1, 8.3), (12.4, 0.9)])
     return np.sqrt((x[None, :, None] - stones[:, 0]) ** 2 + (y[:, None, None] - stones[:, 1]) ** 2).min(axis=-1)
 
 
@@ -100,11 +100,11 @@ LESSON = Lesson(
         likelihood_field_range_finder_model,
         [Returned("p", "per metre")],
         [
-            _case("the laser at the robot's centre, the robot looks along x", 0, (4.0, 3.0, 0.0), (0.0, 0.0, 0.0), 8.0),
-            _case("the robot looks elsewhere", 1, (5.2, 2.6, 2.1), (0.0, 0.0, 0.0), 8.0),
-            _case("the laser is ahead of the robot's centre, to the left", 2, (4.4, 3.1, -0.8), (0.5, 0.25, 0.0), 8.0),
-            _case("the laser is turned", 3, (4.7, 2.9, 0.6), (0.3, 0.0, 1.1), 8.0),
-            _case("a laser that does not see far", 4, (4.2, 3.2, -2.5), (0.2, 0.1, 0.0), 3.0),
+            _case("the laser at the robot's centre, the robot looks along x", 0, (6.0, 5.0, 0.0), (0.0, 0.0, 0.0), 8.0),
+            _case("the robot looks elsewhere", 1, (7.2, 4.6, 2.1), (0.0, 0.0, 0.0), 8.0),
+            _case("the laser is ahead of the robot's centre, to the left", 2, (6.4, 5.1, -0.8), (0.5, 0.25, 0.0), 8.0),
+            _case("the laser is turned", 3, (6.7, 4.9, 0.6), (0.3, 0.0, 1.1), 8.0),
+            _case("a laser that does not see far", 4, (6.2, 5.2, -2.5), (0.2, 0.1, 0.0), 3.0),
         ],
     ),
     mistakes=(
@@ -190,5 +190,41 @@ LESSON = Lesson(
             {"np.ones(len(ranges))": "np.zeros(len(ranges))"},
         ),
         Mistake("the logarithm of the likelihood is returned", {"    return p": "    return np.log(p)"}),
+        Mistake(
+            "the beam's angle is subtracted in the end's x only",
+            {"ranges * np.cos(heading)": "ranges * np.cos(yaw + laser[2] - angles)"},
+        ),
+        Mistake(
+            "the beam's angle is subtracted in the end's y only",
+            {"ranges * np.sin(heading)": "ranges * np.sin(yaw + laser[2] - angles)"},
+        ),
+        Mistake("the beam is laid out backwards in x", {"+ ranges * np.cos(heading)": "- ranges * np.cos(heading)"}),
+        Mistake("the beam is laid out backwards in y", {"+ ranges * np.sin(heading)": "- ranges * np.sin(heading)"}),
+        Mistake(
+            "the end's x has the sine of the heading, where it should have the cosine",
+            {"ranges * np.cos(heading)": "ranges * np.sin(heading)"},
+        ),
+        Mistake(
+            "the end's y has the cosine of the heading, where it should have the sine",
+            {"ranges * np.sin(heading)": "ranges * np.cos(heading)"},
+        ),
+        Mistake(
+            "the laser's offset to the left has the wrong sign in x",
+            {"- laser[1] * np.sin(yaw)": "+ laser[1] * np.sin(yaw)"},
+        ),
+        Mistake(
+            "the laser's offset to the left has the wrong sign in y",
+            {"+ laser[1] * np.cos(yaw)": "- laser[1] * np.cos(yaw)"},
+        ),
+        Mistake(
+            "the laser's offset ahead has the wrong sign in x", {"+ laser[0] * np.cos(yaw)": "- laser[0] * np.cos(yaw)"}
+        ),
+        Mistake(
+            "the laser's offset ahead has the wrong sign in y", {"+ laser[0] * np.sin(yaw)": "- laser[0] * np.sin(yaw)"}
+        ),
+        Mistake("the laser's own yaw is subtracted", {"yaw + laser[2] + angles": "yaw - laser[2] + angles"}),
+        Mistake("the exponent has the wrong sign", {"-0.5 * (distance": "0.5 * (distance"}),
+        Mistake("the square root of two pi is not taken", {"math.sqrt(2.0 * math.pi)": "2.0 * math.pi"}),
+        Mistake("z_rand is subtracted", {"+ z_rand / max_range": "- z_rand / max_range"}),
     ),
 )

@@ -189,5 +189,35 @@ LESSON = Lesson(
         Mistake("the densities are added, not multiplied", {"p1 * p2 * p3": "p1 + p2 + p3"}),
         Mistake("the density of the second turn is left out", {"p1 * p2 * p3": "p1 * p2"}),
         Mistake("the logarithm of the density is returned", {"p1 * p2 * p3": "np.log(p1 * p2 * p3)"}),
+        Mistake(
+            "the old heading of the odometry is added to the first turn, and not subtracted",
+            {"now[0] - before[0]) - before[2]": "now[0] - before[0]) + before[2]"},
+        ),
+        Mistake(
+            "the first turn is added to the second, and not subtracted, in the odometry's move",
+            {"before[2] - rot1)": "before[2] + rot1)"},
+        ),
+        Mistake(
+            "the first turn is added to the second, and not subtracted, in the move that is asked about",
+            {"poses[:, 2] - rot1_hat)": "poses[:, 2] + rot1_hat)"},
+        ),
+        Mistake("the density of the first turn is left out", {"p1 * p2 * p3": "p2 * p3"}),
+        Mistake("the density of the drive is left out", {"p1 * p2 * p3": "p1 * p3"}),
+        Mistake(
+            "the exponents have the wrong sign",
+            {
+                "np.exp(-0.5 * wrap_angle(rot1": "np.exp(0.5 * wrap_angle(rot1",
+                "np.exp(-0.5 * (trans": "np.exp(0.5 * (trans",
+                "np.exp(-0.5 * wrap_angle(rot2": "np.exp(0.5 * wrap_angle(rot2",
+            },
+        ),
+        Mistake(
+            "the square root of 2 pi variance is not taken",
+            {
+                "np.sqrt(2 * np.pi * var1)": "(2 * np.pi * var1)",
+                "np.sqrt(2 * np.pi * var2)": "(2 * np.pi * var2)",
+                "np.sqrt(2 * np.pi * var3)": "(2 * np.pi * var3)",
+            },
+        ),
     ),
 )

@@ -12,7 +12,7 @@ from pipeline.geometry import wrap_angle
 from pipeline.lessons.exam import Array, Function, Question, called, numbers, shaped
 from pipeline.lessons.lesson import Lesson, Mistake
 
-SAMPLES = 6000
+SAMPLES = 3000
 """Particles in every case."""
 SURE = 6.0
 """Standard errors by which an answer may differ: of two hundred right answers, one in a million does by chance."""
@@ -280,6 +280,32 @@ LESSON = Lesson(
         Mistake(
             "the move is made in the odometry's frame, not in that of the particle",
             {"np.cos(heading)": "np.cos(before[2] + turn1)", "np.sin(heading)": "np.sin(before[2] + turn1)"},
+        ),
+        Mistake(
+            "the old heading of the odometry is added to the first turn, and not subtracted",
+            {"now[0] - before[0]) - before[2]": "now[0] - before[0]) + before[2]"},
+        ),
+        Mistake("the first turn is added to the second, and not subtracted", {"before[2] - rot1": "before[2] + rot1"}),
+        Mistake("the drive goes backwards", {"turn1 = rot1": "trans = -trans\n    turn1 = rot1"}),
+        Mistake("x goes backwards", {"x + drive": "x - drive"}),
+        Mistake("y goes backwards", {"y + drive": "y - drive"}),
+        Mistake(
+            "alpha1's turn is not squared in the first turn's variance", {"alpha1 * rot1**2": "alpha1 * abs(rot1)"}
+        ),
+        Mistake(
+            "the drive is added to its variance only once, and not squared", {"alpha3 * trans**2": "alpha3 * trans"}
+        ),
+        Mistake(
+            "the noise of the first turn is a variance: its square root is missing",
+            {"std_rot1 * rng": "std_rot1**2 * rng"},
+        ),
+        Mistake(
+            "the noise of the drive is a variance: its square root is missing",
+            {"std_trans * rng": "std_trans**2 * rng"},
+        ),
+        Mistake(
+            "the noise of the second turn is a variance: its square root is missing",
+            {"std_rot2 * rng": "std_rot2**2 * rng"},
         ),
     ),
 )

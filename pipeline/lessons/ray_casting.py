@@ -105,11 +105,13 @@ class Rays:
         for group, directions in _DIRECTIONS.items():
             found = 0
             while found < 9:
-                x, y = rng.uniform(0.6, 7.4), rng.uniform(0.6, 4.6)
+                x, y = rng.uniform(0.2, 7.8), rng.uniform(0.2, 5.0)
                 angle = float(rng.choice(directions) + rng.uniform(-0.7, 0.7))
                 if group.startswith("exactly"):
                     angle = float(rng.choice(directions))
                 length = _steady(x, y, angle, LONGEST)
+                if group == _NEXT and (length is None or length > 0.9 * RESOLUTION):
+                    continue
                 if length is None or (length == LONGEST) != (group in (_NOTHING, _BEYOND)):
                     continue
                 if group in (_NOTHING, _BEYOND) and (_steady(x, y, angle, 99.0) == 99.0) != (group == _NOTHING):
@@ -150,12 +152,14 @@ class Rays:
         return np.append(answers, (answers - self.expected[:-1])[hits].mean())
 
 
+_NEXT = "rays that begin in the cell next to a wall"
 _NOTHING, _BEYOND = "rays that leave the map", "rays that meet something beyond max_range only"
 _DIRECTIONS = {
     "to the right": (0.0,),
     "up": (math.pi / 2,),
     "to the left": (math.pi, -math.pi),
     "down": (-math.pi / 2,),
+    _NEXT: (0.0, math.pi / 2, math.pi, -math.pi / 2),
     "exactly along an axis": (0.0, math.pi / 2, math.pi, -math.pi / 2),
     _NOTHING: (0.0, math.pi / 2, math.pi, -math.pi / 2),
     _BEYOND: (0.0, math.pi),
@@ -276,5 +280,23 @@ LESSON = Lesson(
             {"    step_x = 1 if": "    x, y = column * resolution, row * resolution\n    step_x = 1 if"},
         ),
         Mistake("the next border is always the one to the right, also for rays to the left", {"(step_x > 0)": "1"}),
+        Mistake(
+            "sine and cosine are exchanged in x only",
+            {"cos, sin = math.cos(angle), math": "cos, sin = math.sin(angle), math"},
+        ),
+        Mistake("sine and cosine are exchanged in y only", {"math.sin(angle)": "math.cos(angle)"}),
+        Mistake("a ray to the left goes to the right", {"-1\n    step_y": "1\n    step_y"}),
+        Mistake("a ray down goes up", {"1 if sin > 0 else -1": "1"}),
+        Mistake(
+            "of the two borders ahead the farther one is crossed first", {"if next_x < next_y": "if next_x > next_y"}
+        ),
+        Mistake(
+            "the cell in which the ray begins is the next one: metres are rounded up",
+            {"int(x // resolution), int(y // resolution)": "int(x // resolution) + 1, int(y // resolution) + 1"},
+        ),
+        Mistake(
+            "the first row and the first column of the map are left out",
+            {"0 <= column < columns and 0 <= row": "0 < column < columns and 0 < row"},
+        ),
     ),
 )

@@ -89,5 +89,13 @@ LESSON = Lesson(
             {"1.0 / np.sum(weights**2)": "1.0 / np.sum(weights**2) / len(weights)"},
         ),
         Mistake("the weight of the heaviest particle is used", {"1.0 / np.sum(weights**2)": "1.0 / weights.max()"}),
+        Mistake("only the last weight counts: = stands where += should", {"np.sum(weights**2)": "weights[-1] ** 2"}),
+        Mistake(
+            "the smallest logarithm is subtracted, and not the largest", {"log_weights.max()": "log_weights.min()"}
+        ),
+        Mistake(
+            "the difference to the largest logarithm is the wrong way round",
+            {"log_weights - log_weights.max()": "log_weights.max() - log_weights"},
+        ),
     ),
 )

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,7 @@ class Filter:
         errors = []
         for k in range(len(drive)):
             weights = _normalised(log_weights)
-            if k and (self.draws_random or float(self.parts["effective_sample_size"](log_weights)) < len(poses) / 2):
+            if k and (self.draws_random or _number(self.parts["effective_sample_size"](log_weights)) < len(poses) / 2):
                 poses = self._survivors(k, poses, weights, share, rng)
                 log_weights = np.zeros(len(poses))
             if k:
@@ -79,8 +80,8 @@ class Filter:
             likelihood = self._log_likelihood(poses, k)
             log_weights = log_weights + TEMPER * likelihood
             if self.draws_random:
-                mean = float(np.exp(likelihood / len(drive.angles)).mean())
-                slow, fast, share = map(float, self.parts["random_share"](mean, slow, fast, *RATES))
+                average = float(np.exp(likelihood / len(drive.angles)).mean())
+                slow, fast, share = map(_number, self.parts["random_share"](average, slow, fast, *RATES))
             self.counts.append(len(poses))
             self.shares.append(share)
             weights = _normalised(log_weights)
@@ -100,7 +101,7 @@ class Filter:
         kept = poses[chosen]
         if self.adapts:
             bins = len(np.unique(np.floor(kept / BIN).astype(int), axis=0))
-            wanted = float(self.parts["kld_particles"](bins, *KLD))
+            wanted = _number(self.parts["kld_particles"](bins, *KLD))
             count = int(np.clip(np.nan_to_num(wanted, nan=self.n), 30, self.n))
             kept = kept[rng.integers(len(kept), size=count)]
         if self.draws_random:
@@ -157,7 +158,7 @@ class Filter:
                 continue
             for b, angle in enumerate(yaw + drive.laser[2] + drive.angles):
                 length = cast(drive.occupied, float(at_x), float(at_y), float(angle), drive.grid.resolution, LONGEST)
-                true[i, b] = min(float(length), LONGEST)
+                true[i, b] = min(_number(length), LONGEST)
         return np.nan_to_num(true)
 
     @cached_property
@@ -195,6 +196,11 @@ class Filter:
                 self._estimate,
             )
         )
+
+
+def _number(found: Any) -> float:
+    """What was returned, which may be an array of one number as well."""
+    return float(np.asarray(found, np.float64).reshape(()))
 
 
 def _normalised(log_weights: Array) -> Array:
