@@ -175,7 +175,8 @@ def kind_of(result: Any) -> str:
 
 def apart(questions: Sequence[Question], answers: ArrayLike, others: ArrayLike) -> Array:
     """Differences (m,) between two sets of answers; whole turns count for nothing where angles are asked for."""
-    difference = np.asarray(answers, np.float64) - np.asarray(others, np.float64)
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        difference = np.asarray(answers, np.float64) - np.asarray(others, np.float64)
     angles = np.array([question.angle for question in questions])
     return np.where(angles, wrap_angle(np.where(angles, difference, 0.0)), difference)
 

@@ -29,8 +29,7 @@ ANGLES = {"cos", "sin"}
 
 @dataclass(frozen=True)
 class Mutant:
-    """A file with one change: ``what`` was changed at which ``line``; ``kind``: sign, operator, comparison, number, index,
-    order, call or unit."""
+    """A file with one change, of a kind: sign, operator, comparison, number, index, order, call or unit."""
 
     kind: str
     line: int

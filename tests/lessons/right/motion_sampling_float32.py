@@ -2,7 +2,7 @@ import numpy as np
 
 
 def sample_motion_model_odometry(u0, u1, particles, alphas, rng):
-    """All noise at once, added where the reference subtracts it, and the arrays of the caller are changed on the way."""
+    """All noise at once, added where the reference subtracts it; the caller's arrays are changed on the way."""
     delta = u1 - u0
     angle = np.arctan2(delta[1], delta[0])
     turn1 = (angle - u0[2] + np.pi) % (2 * np.pi) - np.pi

@@ -1,0 +1,31 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pipeline.lessons import lesson, lessons
+from pipeline.lessons.judging import Judgement, judge
+from pipeline.lessons.lesson import Lesson
+
+RIGHT = Path(__file__).with_name("right")
+
+
+def lesson_of(source: str) -> Lesson:
+    """Whose function a file defines."""
+    (found,) = (each for each in lessons() if f"def {each.function}(" in source)
+    return found
+
+
+@pytest.fixture
+def judged(tmp_path: Path) -> Callable[..., Judgement]:
+    """Judges a text as if it were somebody's file."""
+
+    def run(source: str, name: str | None = None, **options: object) -> Judgement:
+        path = tmp_path / "mine.py"
+        path.write_text(source)
+        found = lesson_of(source) if name is None else lesson(name)
+        return judge(found, path, **options)  # type: ignore[arg-type]
+
+    return run
