@@ -126,7 +126,7 @@ def _of_group(group: Group, width: int) -> list[str]:
 def _difference(wrong: Wrong) -> str:
     unit = f" {wrong.question.unit}" if wrong.question.unit else ""
     ratio = wrong.answer / wrong.expected if wrong.expected else 0.0
-    of_it = f", {ratio:.3g} times that" if ratio and abs(ratio) < 1e6 else ""
+    of_it = f", {ratio:.3g} times that" if abs(ratio - 1.0) > 0.05 and 1e-6 < abs(ratio) < 1e6 else ""
     return f"{wrong.question.text}: {wrong.answer:.4g}{unit}, should be {wrong.expected:.4g}{of_it}"
 
 

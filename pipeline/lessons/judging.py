@@ -22,7 +22,7 @@ from pipeline.lessons.written import Written
 
 Flags = NDArray[np.bool_]
 
-LIKELIEST = 8
+LIKELIEST = 5
 """Mistakes of which two at once are tried."""
 PATIENCE = 30.0
 """Seconds that all questions, and the log, may take each."""

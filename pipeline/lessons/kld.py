@@ -51,7 +51,7 @@ LESSON = Lesson(
         "times, and that the approximation is a third power."
     ),
     reference=kld_particles,
-    exam=Exact(kld_particles, [Returned("particles", "particles")], _cases(), least=0.999),
+    exam=Exact(kld_particles, [Returned("particles", "particles")], _cases(), least=0.998),
     mistakes=(
         Mistake(
             "the number of bins is taken, and not one less",

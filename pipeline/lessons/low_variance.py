@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.lessons.exam import Array, Function, Question, Unusable, called, numbers, shaped
 from pipeline.lessons.lesson import Lesson, Mistake
 
-DRAWS = 600
+DRAWS = 400
 """How often every set of weights is drawn from."""
 SURE = 6.0
 """Standard errors by which an answer may differ: of a hundred right answers, one in a million does by chance."""

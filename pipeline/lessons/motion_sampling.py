@@ -132,8 +132,8 @@ class Moments:
             off = parts - right
             off[:, [0, 2]] = wrap_angle(off[:, [0, 2]])
             own = off.std(axis=0)
-            answers += [*(right + off.mean(axis=0)), *own, *_correlations(off, deviations)]
-            noise += [(off[:, k] - off[:, k].mean()) / own[k] for k in range(3) if deviations[k] > 0.0 and own[k] > 0.0]
+            answers += [*(right + off.mean(axis=0)), *own, *_correlations(off, np.minimum(own, deviations))]
+            noise += [(off[:, k] - off[:, k].mean()) / own[k] for k in range(3) if min(own[k], deviations[k]) > _LEAST]
         flat = np.abs(np.concatenate(noise)) if noise else np.zeros(1)
         return np.array([*answers, *(np.mean(flat < limit) for limit, _ in _SHARES)])
 

@@ -1,4 +1,4 @@
-"""What every lesson promises: a starter, a reference that passes its own exam, and mistakes that are told from each other."""
+"""What every lesson promises: a starter, a reference that passes its own exam, mistakes that are told apart."""
 
 from __future__ import annotations
 
@@ -65,7 +65,10 @@ def test_a_mistake_is_found_and_named(found: Lesson, mistake: Mistake):
 
 def test_two_mistakes_at_once_are_both_named():
     found = lesson("6.1")
-    texts = ("p_short is not normalised over 0 to z*", "p_max is left out: what came back from nowhere has no likelihood")
+    texts = (
+        "p_short is not normalised over 0 to z*",
+        "p_max is left out: what came back from nowhere has no likelihood",
+    )
     two = tuple(mistake for mistake in found.mistakes if mistake.text in texts)
     assert len(two) == 2
     named, _ = explanation(found, found.exam.ask(found.mistaken(*two)))

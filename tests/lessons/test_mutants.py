@@ -32,7 +32,7 @@ SAME = {
     "motion_density_loop": {
         "b[0] - a[0]  ->  a[0] - b[0]": "in hypot, which squares it",
         "b[1] - a[1]  ->  a[1] - b[1]": "in hypot, which squares it",
-        "b[2] - a[2] - rot1  ->  rot1 - (b[2] - a[2])": "of both moves, so that the difference has another sign, squared",
+        "b[2] - a[2] - rot1  ->  rot1 - (b[2] - a[2])": "of both moves: the difference changes its sign, and is squared",
         "trans - hat_trans  ->  hat_trans - trans": "it is squared",
         "rot1 - hat1  ->  hat1 - rot1": "it is squared",
         "rot2 - hat2  ->  hat2 - rot2": "it is squared",
@@ -59,8 +59,8 @@ SAME = {
         "dy > 0  ->  dy >= 0": "a ray along the other axis meets no such border",
     },
     "grid_loop": {
-        "total + motion[k][i] * belief[i]  ->  total - motion[k][i] * belief[i]": "every sum has the other sign, and the "
-        "result is divided by their sum",
+        "total + motion[k][i] * belief[i]  ->  total - motion[k][i] * belief[i]": "all change their sign, and so does "
+        "the sum that they are divided by",
     },
     "augmented_plain": {"share < 0.0  ->  share <= 0.0": "zero either way"},
 }
@@ -80,8 +80,7 @@ def flagged(mutant: Mutant, path: Path) -> bool:
     path.write_text(mutant.source)
     try:
         return not judge(lesson_of(mutant.source), path, patience=3.0, always_on_log=False).right
-    except MclError as error:
-        assert error.path == path
+    except MclError:
         return True
 
 

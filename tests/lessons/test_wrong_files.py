@@ -19,11 +19,17 @@ FILES = {
     "wrong shape": (HEAD + "    if bins:\n        return [1, 2]\n", r"mine\.py:3: .* the shape \(\), and has \(2,\)"),
     "not a number": (HEAD + "    a = 1\n    return float('nan')\n", r"mine\.py:3: particles is not a number \(NaN\)"),
     "no Python": ("def kld_particles(bins, epsilon, quantile)\n    return 1\n", r"mine\.py:1: this is no Python"),
-    "another name": ("def kld(a, b, c):\n    return 1\n", r"mine\.py: there is no function kld_particles .*defines kld"),
+    "another name": (
+        "def kld(a, b, c):\n    return 1\n",
+        r"mine\.py: there is no function kld_particles .*defines kld",
+    ),
     "other parameters": ("def kld_particles(bins):\n    return 1\n", r"mine\.py: .*takes 1 positional argument"),
     "fails while it is loaded": ("import math\nmath.sqr(2)\n" + HEAD + "    return 1\n", r"mine\.py:2: AttributeError"),
     "ends the program": ("import sys\nsys.exit(0)\n" + HEAD + "    return 1\n", r"mine\.py:2: .*ends the program"),
-    "no end": (HEAD + "    while True:\n        bins += 1\n", r"mine\.py:[23]: kld_particles was still busy after 0\.5 s"),
+    "no end": (
+        HEAD + "    while True:\n        bins += 1\n",
+        r"mine\.py:[23]: kld_particles was still busy after 0\.5 s",
+    ),
     "no end, whatever is raised": (
         HEAD + "    while True:\n        try:\n            bins += 1\n        except Exception:\n            pass\n",
         r"mine\.py:\d: kld_particles was still busy after 0\.5 s",
