@@ -11,17 +11,7 @@ from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    SerializerFunctionWrapHandler,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-    model_serializer,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_serializer, model_validator
 
 from pipeline import nav2_params
 from pipeline.errors import MclError
@@ -78,8 +68,7 @@ class Config(BaseModel):
     max_particles: int = Field(30_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
     min_particles: int = Field(1_000, ge=1, description="Never fewer than these, nor more than max_particles.")
     adaptive: Literal["kld", "duplicates", "none"] = Field(
-        "kld",
-        description="Their number: by KLD-sampling (Table 8.4), by the report's proposal, or max_particles always.",
+        "kld", description="Their number: by KLD-sampling (Table 8.4), the report's proposal, or always max_particles."
     )
     kld_err: Positive = Field(0.05, description="Largest error allowed between the belief and the particles (KLD).")
     kld_z: Positive = Field(2.33, description="Quantile of the standard normal for that error: 2.33 is 99 %.")
@@ -225,11 +214,11 @@ class Config(BaseModel):
 
     @field_validator(*ROLES)
     @classmethod
-    def _known(cls, name: str, info: ValidationInfo) -> str:
-        return check_part(ROLES[str(info.field_name)], name)
+    def _known(cls, name: str, info: Any) -> str:
+        return check_part(ROLES[info.field_name], name)
 
     @model_serializer(mode="wrap")
-    def _flat(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _flat(self, handler: Any) -> dict[str, Any]:
         """Parameters of own parts stand behind the part that they belong to."""
         values = handler(self)
         own, out = values.pop("own", {}), dict[str, Any]()

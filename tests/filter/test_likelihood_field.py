@@ -217,7 +217,7 @@ def test_the_range_bias_is_taken_off(office: Log, name: str) -> None:
     scan = next(iter(office.scans()))
     longer = dataclasses.replace(scan, ranges=scan.ranges + np.float32(0.25))
     plain, biased = (Sensor(office.grid, office.laser, config(name, range_bias=b)) for b in (0.0, 0.25))
-    np.testing.assert_allclose(plain.read(scan.ranges).ends, biased.read(longer.ranges).ends, atol=1e-3)
+    np.testing.assert_allclose(plain.read(scan.ranges).seen, biased.read(longer.ranges).seen, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", [*FIELDS, "likelihood_field_prob, skipping"])

@@ -57,12 +57,12 @@ def test_every_particle_survives_in_proportion_to_its_weight(method) -> None:
 
 def test_multinomial_has_the_multinomial_variance() -> None:
     trials, n = 4000, 10
-    variance = counts("multinomial", n, trials).var(axis=0)
+    variance = counts(multinomial, n, trials).var(axis=0)
     np.testing.assert_allclose(variance, n * WEIGHTS * (1 - WEIGHTS), rtol=0.12)
 
 
 def test_low_variance_deserves_its_name() -> None:
-    assert (counts("low_variance", 10, 500).var(axis=0) <= 0.25 + 1e-9).all()
+    assert (counts(low_variance, 10, 500).var(axis=0) <= 0.25 + 1e-9).all()
 
 
 def test_equal_weights_survive_once_each() -> None:
