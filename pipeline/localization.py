@@ -80,7 +80,7 @@ def localize(
     ``seen``: what earlier runs on this map have shown of the world, to begin with. ``substeps``: is told what happens
     within the updates, which changes no result.
 
-    Raises MclError if the log has no map, or the map no room for a robot, or a grid shall tell of its sub-steps.
+    Raises MclError if the log has no map, or the map no room for a robot, or its filter has no sub-steps to tell of.
     """
     if log.grid is None:
         raise MclError("the log has no map", "give one with --map", path=log.path)
@@ -89,14 +89,12 @@ def localize(
     grid, log = log.grid, log.without_short(config.laser_min_range)
     config = config.model_copy(update={"laser_max_range": log.laser.longest(config.laser_max_range)})
     # Imported here: numba takes longer to load than a short log to localize, and --help must not wait for it.
-    from pipeline.filter.grid_filter import GridFilter
-    from pipeline.filter.particle_filter import ParticleFilter
+    from pipeline.filter.told_filter import filter_of
     from pipeline.kernels.threads import use_threads
 
     clock = _Clock()
     with use_threads(threads):
-        kind = GridFilter if config.filter == "grid" else ParticleFilter
-        mcl = kind(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
+        mcl = filter_of(config)(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
         if substeps is not None:
             mcl.watch(substeps)
         clock.lap("start")

@@ -42,7 +42,7 @@ ABREAST = 5
 """Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
-_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found", "substeps")
+_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found", "sink", "substeps")
 _NOT_OF_THE_INPUT = (*_CONFIGURED, *_SHOWN, "log", "seed", "threads", "output")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
@@ -92,6 +92,10 @@ def localize(
             help="Record predicting, weighing and resampling one by one, between these seconds since the first scan.",
         ),
     ] = None,
+    sink: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FILE.py:NAME", help="Also give every step to a part of your own; repeatable."),
+    ] = None,
     require_found: Annotated[
         bool, typer.Option("--require-found", help="End with exit code 3 if the robot is not found at the end.")
     ] = False,
@@ -126,7 +130,7 @@ def localize(
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
-        seen=seen, passes=passes, substeps=between,
+        seen=seen, passes=passes, sinks=sink or (), substeps=between,
     )  # fmt: skip
     if warning := preset_warning(config):
         console.note(f"warning: {warning}")
@@ -280,6 +284,7 @@ def _run(
     viewer: str | None = None,
     seen: Seen | None = None,
     passes: int = 1,
+    sinks: Sequence[str] = (),
     substeps: tuple[float, float] | None = None,
 ) -> Replay:
     with _fresh(folder):
@@ -302,6 +307,7 @@ def _run(
             viewer=viewer,
             seen=seen,
             passes=passes,
+            own_sinks=sinks,
             substeps=substeps,
         )
 

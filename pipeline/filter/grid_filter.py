@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pipeline.config import Config
-from pipeline.errors import MclError
 from pipeline.filter.grid_belief import GridBelief
 from pipeline.filter.particle_filter import ParticleFilter
 from pipeline.filter.recovery import Takeover
 from pipeline.filter.sensor import Reading
-from pipeline.filter.substeps import SubSteps
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.prior import Prior
@@ -38,10 +36,6 @@ class GridFilter(ParticleFilter):
         super().__init__(grid, laser, config.model_copy(update=alone), seed, wheels=wheels)
         self._cells = GridBelief(grid, config, self._sensor, seed)
         self._belief = self._cells  # type: ignore[assignment]
-
-    def watch(self, substeps: SubSteps) -> None:  # noqa: ARG002
-        """Raises MclError: a grid draws nothing, and its cells move all at once."""
-        raise MclError("sub-steps are those of particles, and filter=grid has none", "set filter=mcl")
 
     def _start(self, scan: Scan, reading: Reading) -> None:
         self._cells.start(reading, scan.index)

@@ -28,7 +28,8 @@ from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.motion.prior import Component, Prior, motion_prior
+from pipeline.motion.models import Component, motion_model
+from pipeline.motion.prior import Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 from pipeline.world.memory import KeyScan, Memory
 from pipeline.world.seen import Seen
@@ -71,6 +72,7 @@ class ParticleFilter:
         self._narrator = Narrator()
         self._map_poses = np.empty((config.max_particles, 3), np.float32)
         self._witnesses = Witnesses(laser, config, wheels)
+        self._motion_model = motion_model(config)
         self._motion: Motion | None = None
         self._memory: Memory | None = None
         self._shown = 0
@@ -80,7 +82,9 @@ class ParticleFilter:
         self.hindsight = Hindsight(grid, config)
 
     def watch(self, substeps: SubSteps) -> None:
-        """From now on tell of what happens within an update."""
+        """From now on tell of what happens within an update. Raises MclError for a belief that draws no particles."""
+        if not isinstance(self._belief, Belief):
+            raise MclError("sub-steps are those of particles, and this filter has none", "set filter=mcl")
         self._belief.watcher = substeps
 
     def finish(self) -> Seen | None:
@@ -104,7 +108,7 @@ class ParticleFilter:
             if self._motion is None:
                 self._start(scan, reading)
             else:
-                prior = motion_prior(self._motion, motion, self._config)
+                prior = motion_prior(self._motion, motion, self._config, self._motion_model)
                 if self._off > OFF:
                     prior = prior.exactly
                 resampled, takeover = self._advance(scan, reading, motion, prior)

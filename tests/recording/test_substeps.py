@@ -112,7 +112,7 @@ def test_the_parts_of_a_turn_fit_together(drive: Log, resampler: str):
 
 
 def test_a_grid_has_none(drive: Log):
-    with pytest.raises(MclError, match="filter=grid has none"):
+    with pytest.raises(MclError, match="this filter has none"):
         told(drive, config(drive, filter="grid"))
 
 
