@@ -4,18 +4,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from right_files import lesson_of
 
-from pipeline.lessons import lesson, lessons
+from pipeline.lessons import lesson
 from pipeline.lessons.judging import Judgement, judge
-from pipeline.lessons.lesson import Lesson
-
-RIGHT = Path(__file__).with_name("right")
-
-
-def lesson_of(source: str) -> Lesson:
-    """Whose function a file defines."""
-    (found,) = (each for each in lessons() if f"def {each.function}(" in source)
-    return found
 
 
 @pytest.fixture

@@ -9,8 +9,8 @@ import os
 from pathlib import Path
 
 import pytest
-from conftest import RIGHT, lesson_of
 from mutants import Mutant, mutants
+from right_files import RIGHT, lesson_of
 
 from pipeline.errors import MclError
 from pipeline.lessons.judging import judge

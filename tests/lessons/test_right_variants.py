@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import RIGHT, lesson_of
+from right_files import RIGHT, lesson_of
 
 from pipeline.lessons import lessons
 from pipeline.lessons.judging import judge
