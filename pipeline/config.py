@@ -269,15 +269,6 @@ def preset_description(name: str) -> str:
     return line.removeprefix("#").strip() if line.startswith("#") else ""
 
 
-def preset_warning(name: str | None) -> str:
-    """What a preset's file warns whoever runs with it of, in the comment that begins with "warning:"; mostly empty."""
-    if name not in preset_names():
-        return ""
-    lines = (PRESETS / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
-    told = [line.removeprefix("# warning:").strip() for line in lines if line.startswith("# warning:")]
-    return " ".join(told)
-
-
 def load_config(
     source: str | Path | None = None,
     overrides: Iterable[str] = (),

@@ -41,7 +41,7 @@ def lesson(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Learn the algorithms by writing them: tasks, starter files, checks.
+    """Learn the algorithms by writing them.
 
     Without a name, the lessons are listed. With one, the task is shown; -o writes it into a file, with a function to be
     filled in; --check compares what was written with the reference, by numbers and on the embedded log, and says where

@@ -104,7 +104,7 @@ def localize(
     as_json: JsonOption = False,
 ) -> None:
     """Find the robot: recording, trajectory, and what came out."""
-    from pipeline.config import preset_warning
+    from pipeline.presets import warning
     from pipeline.recording.run_folder import create
     from pipeline.world.seen import seen_in
 
@@ -132,8 +132,8 @@ def localize(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
         seen=seen, passes=passes, sinks=sink or (), substeps=between,
     )  # fmt: skip
-    if warning := preset_warning(config):
-        console.note(f"warning: {warning}")
+    if told := warning(config):
+        console.note(f"warning: {told}")
     warn(opened, effective)  # not before: where the run itself refuses something, that is the one line
     if as_json:
         written = {} if mcap is None else {"mcap": str(mcap)}

@@ -47,6 +47,7 @@ CAMERA = "/world/camera"  # looks straight down; the flat view is its picture
 SUBSTEP_WORLD = "/world/substep"
 SUBSTEP_PARTICLES = "/world/substep/particles"
 SUBSTEP_MOVES = "/world/substep/moves"
+SUBSTEP_ELLIPSE = "/world/substep/ellipse"
 COMB = "/comb"  # a plot
 COMB_WEIGHTS = "/comb/cumulative_weights"
 COMB_TEETH = "/comb/drawn"

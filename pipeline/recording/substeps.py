@@ -50,7 +50,7 @@ def substep_columns(
             (entities.COMB_TEETH, _teeth(step, seed)),
             (entities.SUBSTEP_TEXT, list(rr.TextDocument.columns(text=[in_words(step)], media_type=["text/markdown"]))),
             (entities.SUBSTEP_KIND, list(rr.StateChange.columns(state=[step.kind]))),
-            (entities.COVARIANCE, ellipses([() if step.estimate is None else (step.estimate,)])),
+            (entities.SUBSTEP_ELLIPSE, ellipses([() if step.estimate is None else (step.estimate,)])),
         ]
         if step.estimate is not None:
             parts.append((entities.ESTIMATE, transforms(np.array([step.estimate.pose], np.float64), z=0.1)))
@@ -65,6 +65,12 @@ def substep_styles() -> dict[str, list[Any]]:
     kinds = {"predict": palette.LASER, "weigh": palette.TRUTH, "resample": palette.ESTIMATE}
     return {
         entities.SUBSTEP_MOVES: [rr.Arrows3D.from_fields(radii=_thin, colors=palette.NEUTRAL)],
+        entities.SUBSTEP_ELLIPSE: [
+            # Without a filling, which would hide the particles.
+            rr.Ellipsoids3D.from_fields(
+                line_radii=_line, colors=palette.ESTIMATE, fill_mode=rr.components.FillMode.MajorWireframe
+            )
+        ],
         entities.COMB_WEIGHTS: [rr.LineStrips2D.from_fields(radii=_line, colors=palette.LONG)],
         entities.COMB_TEETH: [rr.LineStrips2D.from_fields(radii=_thin, colors=(*palette.ESTIMATE, 90))],
         entities.SUBSTEP_KIND: [
@@ -78,7 +84,6 @@ def substep_tab(area: Area) -> rrb.Container:
     contents = [
         entities.MAP,
         *(f"{entity}/**" for entity in (entities.SUBSTEP_WORLD, entities.ESTIMATE, entities.TRUTH)),
-        entities.COVARIANCE,
     ]
     particles = rrb.Spatial3DView(
         origin=entities.WORLD,
@@ -123,8 +128,7 @@ def write_substeps(
         stream.log(entities.MAP, drawn_map(grid), static=True)
         bodies = robot(entities.ESTIMATE_BODY, entities.ESTIMATE_HEADING, palette.ESTIMATE)
         bodies |= robot(entities.TRUTH_BODY, entities.TRUTH_HEADING, palette.TRUTH)
-        style = rr.Ellipsoids3D.from_fields(line_radii=_line, colors=palette.ESTIMATE)
-        for entity, archetypes in (substep_styles() | bodies | {entities.COVARIANCE: [style]}).items():
+        for entity, archetypes in (substep_styles() | bodies).items():
             stream.log(entity, *archetypes, static=True)
         for columns in substep_columns(steps, 0, truth=truth):
             stream.send_columns(*columns)
