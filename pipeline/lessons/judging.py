@@ -18,7 +18,7 @@ from pipeline.lessons import lessons
 from pipeline.lessons.exam import RELATIVE, Array, Function, Question, Unusable, apart
 from pipeline.lessons.lesson import Lesson, Mistake
 from pipeline.lessons.on_log import RUNS, Outcome
-from pipeline.lessons.written import Written
+from pipeline.lessons.written import Written, within
 
 Flags = NDArray[np.bool_]
 
@@ -118,15 +118,15 @@ def judge(lesson: Lesson, path: Path, *, patience: float = PATIENCE, always_on_l
     ``always_on_log``: also if an answer was wrong. Raises MclError, with file and line, if the file cannot be loaded,
     or the function cannot be called as the lesson has it, or returns something else than it should.
     """
-    written = Written(path, lesson.function)
-    with written.within(patience):
+    with within(patience, path, lesson.function):
+        written = Written(path, lesson.function)
         answers = _asked(lesson, written)
     off, differs = _differences(lesson, answers)
     mistakes, explained = explanation(lesson, answers)
     outcome, reference, stopped = None, None, ""
     if always_on_log or not differs.any():
         try:
-            with written.within(patience):
+            with within(patience, path, lesson.function):
                 outcome = run_on_log(lesson, written)
             reference = reference_on_log(lesson)
         except MclError as error:

@@ -10,7 +10,7 @@ from pipeline.lessons.drive import embedded_drive
 from pipeline.lessons.exam import Function
 from pipeline.lessons.judging import run_on_log
 from pipeline.lessons.lesson import Lesson
-from pipeline.lessons.written import Written
+from pipeline.lessons.written import Written, within
 from pipeline.recording.substeps import write_substeps
 
 SETTLED = 2
@@ -25,7 +25,7 @@ def record_step(lesson: Lesson, function: Function, path: Path, patience: float)
     """
     steps: list[SubStep] = []
     if isinstance(function, Written):
-        with function.within(patience):
+        with within(patience, function.path, function.name):
             run_on_log(lesson, function, steps)
     else:
         run_on_log(lesson, function, steps)

@@ -59,27 +59,6 @@ class Written:
             sys.settrace(before)
         return line
 
-    @contextmanager
-    def within(self, seconds: float) -> Iterator[None]:
-        """Whoever takes longer in here is stopped, where the system can do that. Raises MclError."""
-        if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
-            yield
-            return
-
-        def over(*_: Any) -> None:
-            raise _TooLong
-
-        before = signal.signal(signal.SIGALRM, over)
-        signal.setitimer(signal.ITIMER_REAL, seconds)
-        try:
-            yield
-        except _TooLong as error:
-            hint = "is there a loop that does not end?"
-            raise self._told(error, f"{self.name} was still busy after {seconds:g} s", hint) from None
-        finally:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
-
     def _load(self) -> Any:
         try:
             source = self.path.read_text(encoding="utf-8")
@@ -108,6 +87,32 @@ class Written:
 
     def _told(self, error: BaseException, text: str, hint: str = "") -> MclError:
         return MclError(text, hint, path=self.path, line=_line_in(str(self.path), error.__traceback__))
+
+
+@contextmanager
+def within(seconds: float, path: Path, name: str) -> Iterator[None]:
+    """What the function ``name`` of a file does in here is stopped when it takes longer, where the system can do that.
+
+    Raises MclError with the line that it was at.
+    """
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def over(*_: Any) -> None:
+        raise _TooLong
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    except _TooLong as error:
+        line = _line_in(str(path), error.__traceback__)
+        hint = "is there a loop that does not end?"
+        raise MclError(f"{name} was still busy after {seconds:g} s", hint, path=path, line=line) from None
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def _line_in(path: str, trace: TracebackType | None) -> int | None:
