@@ -28,7 +28,8 @@ class SubStep:
     from. After weighing: with their new weights. In a resampling: those that are drawn from, ``ancestors`` (m,) int32,
     the indices of those that survive, as often as they do, and ``teeth`` (m,) float64, ascending in [0, 1), the places
     on the cumulative weights that chose them; None where the resampler has none.
-    ``estimate``: a Gaussian summary of the latest weighing, None before the first one.
+    ``estimate``: a Gaussian summary of the latest weighing, None before the first one. ``cells``: the poses are the
+    centres of cells, which do not move, and the weights their probabilities.
     """
 
     kind: Kind
@@ -40,6 +41,7 @@ class SubStep:
     ancestors: NDArray[np.int32] | None = None
     teeth: NDArray[np.float64] | None = None
     estimate: Estimate | None = None
+    cells: bool = False
 
 
 class SubSteps:

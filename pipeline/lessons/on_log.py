@@ -169,11 +169,12 @@ def _cells(parts: Parts, tell: Tell) -> Outcome:
         motion /= np.maximum(motion.sum(axis=0), 1e-12)
         off = drive.ranges[k] - drive.expected(poses)
         likelihood = np.prod(0.7 * np.exp(-0.5 * (off / 0.5) ** 2) + 0.1, axis=1)
+        cells, scan, time = drive.grid.to_map(poses).astype(np.float32), int(drive.scans[k]), float(drive.times[k])
+        tell(SubStep("predict", scan, time, cells, motion @ belief, cells=True))
         belief = np.nan_to_num(np.asarray(parts["grid_localization"](belief, motion, likelihood), np.float64))
         weights = np.maximum(belief, 0.0) / max(float(np.maximum(belief, 0.0).sum()), 1e-300)
         best = centres[int(np.argmax(belief))]
-        scan, time = int(drive.scans[k]), float(drive.times[k])
-        tell(SubStep("weigh", scan, time, drive.grid.to_map(poses).astype(np.float32), weights))
+        tell(SubStep("weigh", scan, time, cells, weights, cells=True))
         errors.append(np.hypot(*(best - drive.truth[k, :2])))
     return _error(np.array(errors))
 

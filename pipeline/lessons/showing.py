@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
+
+import numpy as np
 
 from pipeline.filter.substeps import SubStep
 from pipeline.lessons.drive import embedded_drive
@@ -20,8 +21,8 @@ SETTLED = 2
 def record_step(lesson: Lesson, function: Function, path: Path, patience: float) -> None:
     """Write a recording of one scan's sub-steps, with this function in the place of the lesson's own.
 
-    A scan is chosen at which as much as possible happens. Raises MclError where the function fails, takes longer than
-    ``patience`` s, or nothing can be written.
+    A scan is chosen at which as much as possible happens, and of those the one at which least is known. Raises MclError
+    where the function fails, takes longer than ``patience`` s, or nothing can be written.
     """
     steps: list[SubStep] = []
     if isinstance(function, Written):
@@ -29,10 +30,16 @@ def record_step(lesson: Lesson, function: Function, path: Path, patience: float)
             run_on_log(lesson, function, steps)
     else:
         run_on_log(lesson, function, steps)
-    parts = Counter(step.scan for step in steps)
-    later = list(parts)[SETTLED:]
-    chosen = max(later, key=lambda scan: (parts[scan], -scan))
+    parts: dict[int, list[SubStep]] = {}
+    for step in steps:
+        parts.setdefault(step.scan, []).append(step)
+    chosen = max(list(parts)[SETTLED:], key=lambda scan: (len(parts[scan]), _spread(parts[scan][-1])))
     drive = embedded_drive()
-    shown = [step for step in steps if step.scan == chosen]
+    shown = parts[chosen]
     truth = drive.grid.to_map(drive.truth[[step.scan for step in shown]])
     write_substeps(path, f"lesson-{lesson.name}-scan{chosen}", drive.grid, shown, truth)
+
+
+def _spread(step: SubStep) -> float:
+    """How far apart the particles are, m; 0 for a Gaussian."""
+    return float(np.hypot(*step.poses[:, :2].std(axis=0))) if len(step.poses) else 0.0

@@ -147,6 +147,12 @@ def in_words(step: SubStep) -> str:
             "What the robot measures moves the Gaussian, and makes it narrower."
         )  # fmt: skip
         return f"{title}{told} The ellipse is two deviations wide to each side."
+    if step.cells:
+        told = "The robot moves, and the belief with it: the probability of a cell is now that of all ways into it."
+        if step.kind == "weigh":
+            told = "The probability of each cell is multiplied by how well the scan fits there, and divided by the sum."
+        best = 100 * step.weights.max()
+        return f"{title}{told} The darker and larger, the more probable; the best of {n:,} cells has {best:.2g} %."
     if step.kind == "predict":
         assert step.before is not None
         far = np.hypot(*(step.poses[:, :2] - step.before[:, :2]).T)
@@ -179,7 +185,7 @@ def _particles(step: SubStep, chosen: NDArray[np.int64]) -> list[Any]:
     levels = palette.weight_levels(np.log(np.maximum(step.weights, 1e-300)), chosen)
     colours = np.column_stack([palette.WEIGHT_COLOURS[levels], np.full(len(chosen), 255, np.uint8)])
     sizes = SMALLEST + (LARGEST - SMALLEST) * levels / (len(palette.WEIGHT_COLOURS) - 1)
-    if step.kind == "predict":
+    if step.before is not None:
         sizes = np.full(len(chosen), SMALLEST)
     if step.ancestors is not None:
         copies = np.bincount(step.ancestors, minlength=len(step.poses))[chosen]
@@ -202,7 +208,7 @@ def _moves(step: SubStep, chosen: NDArray[np.int64]) -> list[Any]:
 
 def _staircase(step: SubStep) -> list[Any]:
     """A line up the cumulative weights, a step for each particle, once they are weighed."""
-    if step.kind == "predict" or len(step.weights) == 0:
+    if step.before is not None or len(step.weights) == 0:
         return list(rr.LineStrips2D.columns(strips=np.empty((0, 2, 2), np.float32)).partition([0]))
     n, (width, height) = len(step.weights), PLOT
     upto = np.append(0.0, np.cumsum(step.weights))
