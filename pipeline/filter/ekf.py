@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.filter.lines import Line, apart, find_lines, fit_line
+from pipeline.filter.lines import SHORTEST, Line, apart, find_lines, fit_line
 from pipeline.filter.range_bias import LARGEST
 from pipeline.geometry import compose, wrap_angle
 from pipeline.kernels import raycast
@@ -29,8 +29,9 @@ GATE = 9.21
 """Chi-square with two degrees of freedom: 99 % of the lines that are the expected wall lie within."""
 STRAIGHT = 0.15
 """m: where the map's cells are farther from one line, in the mean, the map has no straight wall there."""
-MAP_TURN, MAP_SHIFT = 0.02, 0.05
-"""rad, m: deviation of a wall of the map from where it really is."""
+MAP_TURN, MAP_SHIFT = 0.03, 0.1
+"""rad, m: deviation of a wall of the map from where it really is; more than it is, since many scans see the same wall
+with the same error, and the filter takes them for independent."""
 MOST_BEAMS = 361
 
 
@@ -107,6 +108,8 @@ class Ekf:
         there = np.isfinite(ends).all(axis=1)
         if np.count_nonzero(there) < max(3, len(ends) // 2):
             return None
+        if math.dist(ends[there][0], ends[there][-1]) < SHORTEST:
+            return None  # a pose in a wall sees it everywhere at once
         line = fit_line(ends[there], seen.members[there])
         return line if line.rms < STRAIGHT else None
 
