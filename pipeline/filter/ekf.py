@@ -29,9 +29,10 @@ GATE = 9.21
 """Chi-square with two degrees of freedom: 99 % of the lines that are the expected wall lie within."""
 STRAIGHT = 0.15
 """m: where the map's cells are farther from one line, in the mean, the map has no straight wall there."""
-MAP_TURN, MAP_SHIFT = 0.03, 0.1
-"""rad, m: deviation of a wall of the map from where it really is; more than it is, since many scans see the same wall
-with the same error, and the filter takes them for independent."""
+MAP_TURN, MAP_SHIFT = 0.02, 0.05
+"""rad, m: deviation of a wall of the map from where it really is. Scan after scan sees the same wall with the same error,
+so that the filter is surer than it should be; but with twice as much, lines are taken for other walls, and it is lost in
+Intel's building as in Wean Hall."""
 MOST_BEAMS = 361
 
 
