@@ -30,9 +30,9 @@ GATE = 9.21
 STRAIGHT = 0.15
 """m: where the map's cells are farther from one line, in the mean, the map has no straight wall there."""
 MAP_TURN, MAP_SHIFT = 0.02, 0.05
-"""rad, m: deviation of a wall of the map from where it really is. Scan after scan sees the same wall with the same error,
-so that the filter is surer than it should be; but with twice as much, lines are taken for other walls, and it is lost in
-Intel's building as in Wean Hall."""
+"""rad, m: deviation of a wall of the map from where it really is. Scan after scan sees the same wall with the same
+error, so that the filter is surer than it should be; but with twice as much, lines are taken for other walls, and it
+gets lost in Intel's building and in Wean Hall."""
 MOST_BEAMS = 361
 
 
