@@ -44,11 +44,10 @@ LESSON = Lesson(
     title="Augmented MCL: when to draw random particles",
     source="Probabilistic Robotics, Section 8.3 and Table 8.3",
     task=(
-        "A robot that was carried off is not found again by particles that are all elsewhere. So some "
-        "particles are drawn at "
-        "random, and more of them the worse the scans fit. How badly they fit is told by two averages of the "
-        "likelihood: where "
-        "the one that follows quickly is below the one that follows slowly, the scans have begun to fit worse."
+        "A robot that was carried off is not found again by particles that are all elsewhere. So some particles are "
+        "drawn at random, and more of them the worse the scans fit. How badly they fit is told by two averages of "
+        "the likelihood: where the one that follows quickly is below the one that follows slowly, the scans have "
+        "begun to fit worse."
     ),
     reference=random_share,
     exam=Exact(

@@ -60,10 +60,10 @@ LESSON = Lesson(
     title="The beam model of a range finder",
     source="Probabilistic Robotics, Section 6.3 and Table 6.1",
     task=(
-        "A beam may hit the wall that the map has, give or take some noise; somebody may stand in its way; nothing may "
-        "come back; or it may be anything. The likelihood of a reading is the weighted sum of these four. Two of them "
-        "are cut off, and have to be normalised over what is left. The integral of a normal density is told by the "
-        "error function: math.erf takes single numbers, scipy.special.erf arrays."
+        "A beam may hit the wall that the map has, give or take some noise; somebody may stand in its way; nothing "
+        "may come back; or it may be anything. The likelihood of a reading is the weighted sum of these four. Two "
+        "of them are cut off, and have to be normalised over what is left. The integral of a normal density is told "
+        "by the error function: math.erf takes single numbers, scipy.special.erf arrays."
     ),
     reference=beam_range_finder_model,
     exam=Exact(

@@ -51,12 +51,10 @@ LESSON = Lesson(
     source="Probabilistic Robotics, Section 7.4 and Table 7.2, lines 9 to 18",
     task=(
         "The belief is a single Gaussian. A landmark whose place is known is seen at some range and in some "
-        "direction; from the "
-        "mean it should be seen at another one. The difference moves the mean, by as much as the two "
-        "covariances say, and "
-        "makes the covariance smaller. What has to be worked out is the Jacobian: how range and direction "
-        "change with x, y "
-        "and yaw. Mind that the difference of two directions may be off by a whole turn."
+        "direction; from the mean it should be seen at another one. The difference moves the mean, by as much as "
+        "the two covariances say, and makes the covariance smaller. What has to be worked out is the Jacobian: how "
+        "range and direction change with x, y and yaw. Mind that the difference of two directions may be off by a "
+        "whole turn."
     ),
     reference=ekf_update,
     exam=Exact(

@@ -42,11 +42,9 @@ LESSON = Lesson(
     title="Grid localization",
     source="Probabilistic Robotics, Section 8.2 and Table 8.1",
     task=(
-        "The belief is a probability for every cell. First the robot moves: the new probability of a cell is "
-        "the sum, over all "
-        "cells in which it may have been, of the old probability times that of coming from there. Then the "
-        "scan weighs each "
-        "cell by its likelihood, and all of them are divided by their sum."
+        "The belief is a probability for every cell. First the robot moves: the new probability of a cell is the "
+        "sum, over all cells in which it may have been, of the old probability times that of coming from there. "
+        "Then the scan weighs each cell by its likelihood, and all of them are divided by their sum."
     ),
     reference=grid_localization,
     exam=Exact(

@@ -43,12 +43,9 @@ LESSON = Lesson(
     source="Probabilistic Robotics, Section 8.3 and Table 8.4; Fox 2003",
     task=(
         "A belief that is spread over a building needs many particles, one that sits in one place needs few. "
-        "KLD-sampling counts "
-        "in how many bins of a grid there are particles, and draws until there are enough for so many bins: "
-        "the chi-square "
-        "distribution says how many, by Wilson and Hilferty's approximation. Mind that bins - 1 stands in "
-        "the formula three "
-        "times, and that the approximation is a third power."
+        "KLD-sampling counts in how many bins of a grid there are particles, and draws until there are enough for "
+        "so many bins: the chi-square distribution says how many, by Wilson and Hilferty's approximation. Mind that "
+        "bins - 1 stands in the formula three times, and that the approximation is a third power."
     ),
     reference=kld_particles,
     exam=Exact(kld_particles, [Returned("particles", "particles")], _cases(), least=0.998),

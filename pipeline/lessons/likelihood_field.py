@@ -87,13 +87,10 @@ LESSON = Lesson(
     title="The likelihood field of a range finder",
     source="Probabilistic Robotics, Section 6.4 and Table 6.3",
     task=(
-        "Where does a beam end, if the robot stands at this pose, and how far is that from anything that the "
-        "map has? The "
-        "nearer, the likelier. The distances are looked up in a table with a number for each cell of the "
-        "map, so the work "
-        "is to find the cell: from the robot to the laser on it, from there along the beam, and from metres "
-        "to rows and "
-        "columns."
+        "Where does a beam end, if the robot stands at this pose, and how far is that from anything that the map "
+        "has? The nearer, the likelier. The distances are looked up in a table with a number for each cell of the "
+        "map, so the work is to find the cell: from the robot to the laser on it, from there along the beam, and "
+        "from metres to rows and columns."
     ),
     reference=likelihood_field_range_finder_model,
     exam=Exact(

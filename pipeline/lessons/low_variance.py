@@ -134,13 +134,11 @@ LESSON = Lesson(
     title="Low-variance resampling",
     source="Probabilistic Robotics, Section 4.3 and Table 4.4",
     task=(
-        "Particles of much weight shall go on in several copies, those of little in none. Lay the weights "
-        "side by side, so "
-        "that they cover the line from 0 to 1, and put a comb with n teeth, 1/n apart, on it: whatever "
-        "particle a tooth "
-        "stands on survives. One random number, between 0 and 1/n, says where the first tooth stands. So a particle of "
-        "weight w survives in n w copies, rounded up or down, and never in more or fewer. Mind that the book "
-        "counts from 1."
+        "Particles of much weight shall go on in several copies, those of little in none. Lay the weights side by "
+        "side, so that they cover the line from 0 to 1, and put a comb with n teeth, 1/n apart, on it: whatever "
+        "particle a tooth stands on survives. One random number, between 0 and 1/n, says where the first tooth "
+        "stands. So a particle of weight w survives in n w copies, rounded up or down, and never in more or fewer. "
+        "Mind that the book counts from 1."
     ),
     reference=low_variance_sampler,
     exam=Combs(),

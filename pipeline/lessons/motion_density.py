@@ -78,12 +78,10 @@ LESSON = Lesson(
     title="The odometry motion model, as a density",
     source="Probabilistic Robotics, Section 5.4 and Table 5.5",
     task=(
-        "How probable is a move from one pose to another, if the odometry says this? The odometry's move is "
-        "taken apart "
-        "into a turn, a drive and a turn, and so is the move that is asked about; their three differences are normally "
-        "distributed. Mind that a difference of angles may be off by a whole turn, also the difference of "
-        "two turns, and "
-        "that the variances are those of the move that is asked about."
+        "How probable is a move from one pose to another, if the odometry says this? The odometry's move is taken "
+        "apart into a turn, a drive and a turn, and so is the move that is asked about; their three differences are "
+        "normally distributed. Mind that a difference of angles may be off by a whole turn, also the difference of "
+        "two turns, and that the variances are those of the move that is asked about."
     ),
     reference=motion_model_odometry,
     exam=Exact(

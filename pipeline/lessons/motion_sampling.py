@@ -158,9 +158,9 @@ LESSON = Lesson(
     source="Probabilistic Robotics, Section 5.4 and Table 5.6",
     task=(
         "Between two scans the odometry tells a move: a turn towards the new place, a drive, and a turn to the new "
-        "heading. Every particle makes this move in its own direction, and with noise of its own, drawn anew for each "
-        "of the three parts. Mind that the difference of two angles may be off by a whole turn, and that the alphas "
-        "make variances. The noise is normally distributed. A drive of exactly zero is not asked for."
+        "heading. Every particle makes this move in its own direction, and with noise of its own, drawn anew for "
+        "each of the three parts. Mind that the difference of two angles may be off by a whole turn, and that the "
+        "alphas make variances. The noise is normally distributed. A drive of exactly zero is not asked for."
     ),
     reference=sample_motion_model_odometry,
     exam=Moments(),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.filter.step import Estimate
-from pipeline.filter.substeps import SubStep
+from pipeline.filter.substeps import Kind, SubStep
 from pipeline.geometry import wrap_angle
 from pipeline.lessons.drive import Drive, embedded_drive
 from pipeline.lessons.exam import Array, Function
@@ -140,11 +140,11 @@ def _predicted(mean: Array, covariance: Array, before: Array, now: Array) -> tup
     return moved, by_pose @ covariance @ by_pose.T + by_noise @ noise @ by_noise.T
 
 
-def _gaussian_step(drive: Drive, k: int, kind: str, mean: Array, covariance: Array, tell: Tell) -> None:
+def _gaussian_step(drive: Drive, k: int, kind: Kind, mean: Array, covariance: Array, tell: Tell) -> None:
     nothing = np.empty((0, 3), np.float32)
     estimate = Estimate(drive.grid.to_map(mean), covariance)
     scan, time = int(drive.scans[k]), float(drive.times[k])
-    tell(SubStep(kind, scan, time, nothing, np.empty(0), estimate=estimate))  # type: ignore[arg-type]
+    tell(SubStep(kind, scan, time, nothing, np.empty(0), estimate=estimate))
 
 
 def _cells(parts: Parts, tell: Tell) -> Outcome:

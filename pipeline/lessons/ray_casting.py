@@ -194,13 +194,10 @@ LESSON = Lesson(
     title="Ray casting on a grid",
     source="Probabilistic Robotics, Section 6.3; Amanatides and Woo 1987",
     task=(
-        "How far is it to the next wall? Walk along the ray from cell to cell until one is occupied. The "
-        "exact way is to go "
-        "from each border of a cell that the ray crosses to the next one; short steps will do as well, as "
-        "long as no range "
-        "is off by more than half a cell, nor all of them by a fifth of one in the mean. Mind that rows "
-        "belong to y, and that "
-        "Python takes an index of -1 for the last cell."
+        "How far is it to the next wall? Walk along the ray from cell to cell until one is occupied. The exact way "
+        "is to go from each border of a cell that the ray crosses to the next one; short steps will do as well, as "
+        "long as no range is off by more than half a cell, nor all of them by a fifth of one in the mean. Mind that "
+        "rows belong to y, and that Python takes an index of -1 for the last cell."
     ),
     reference=ray_cast,
     exam=Rays(),

@@ -43,13 +43,10 @@ LESSON = Lesson(
     title="The effective sample size: when to resample",
     source="Probabilistic Robotics, Section 4.3, on when to resample; Kong, Liu and Wong 1994",
     task=(
-        "Who resamples at every scan loses particles that were right, by bad luck; who never does is left "
-        "with one particle "
-        "that counts. So one resamples when the weights have become uneven, mostly when the effective sample "
-        "size falls below "
-        "half the number of particles. The weights come as logarithms, for the likelihood of a scan is a "
-        "product of many small "
-        "numbers: exp(-2000) is 0 to a computer."
+        "Who resamples at every scan loses particles that were right, by bad luck; who never does is left with one "
+        "particle that counts. So one resamples when the weights have become uneven, mostly when the effective "
+        "sample size falls below half the number of particles. The weights come as logarithms, for the likelihood "
+        "of a scan is a product of many small numbers: exp(-2000) is 0 to a computer."
     ),
     reference=effective_sample_size,
     exam=Exact(effective_sample_size, [Returned("the effective sample size", "particles")], _cases()),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.filter.step import Estimate
-from pipeline.filter.substeps import SubStep
+from pipeline.filter.substeps import Kind, SubStep
 from pipeline.geometry import wrap_angle
 from pipeline.lessons.drive import LONGEST, Drive
 from pipeline.lessons.exam import Array, Function
@@ -173,7 +173,7 @@ class Filter:
 
     def _say(
         self,
-        kind: str,
+        kind: Kind,
         k: int,
         poses: Array,
         weights: Array,
@@ -182,10 +182,10 @@ class Filter:
         ancestors: NDArray[np.int64] | None = None,
         teeth: Array | None = None,
     ) -> None:
-        grid, drive = self.drive.grid, self.drive
+        drive, grid = self.drive, self.drive.grid
         self.tell(
             SubStep(
-                kind,  # type: ignore[arg-type]
+                kind,
                 int(drive.scans[k]),
                 float(drive.times[k]),
                 grid.to_map(poses).astype(np.float32),
