@@ -54,8 +54,9 @@ class Lesson:
         if len(signature) > 100:
             names = textwrap.fill(names, 96, initial_indent="    ", subsequent_indent="    ")
             signature = f"def {self.function}(\n{names}\n):"
+        task = textwrap.fill(self.task, 100, break_on_hyphens=False)
         return (
-            f'"""Lesson {self.name}: {self.title}.\n\n{self.source}.\n\n{textwrap.fill(self.task, 100, break_on_hyphens=False)}\n\n'
+            f'"""Lesson {self.name}: {self.title}.\n\n{self.source}.\n\n{task}\n\n'
             f"Write the function below, and check it with\n\n    mcl lesson {self.name} --check {path}\n"
             f'"""\n\nimport numpy as np\n\n\n{signature}\n'
             f"{textwrap.indent(self._docstring(), '    ')}\n"
