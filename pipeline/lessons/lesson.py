@@ -57,7 +57,7 @@ class Lesson:
         task = textwrap.fill(self.task, 100, break_on_hyphens=False)
         return (
             f'"""Lesson {self.name}: {self.title}.\n\n{self.source}.\n\n{task}\n\n'
-            f"Write the function below, and check it with\n\n    mcl lesson {self.name} --check {path}\n"
+            f"Write the function below, and check it with\n\n    mcl lesson {self.name} --check {Path(path).as_posix()}\n"
             f'"""\n\nimport numpy as np\n\n\n{signature}\n'
             f"{textwrap.indent(self._docstring(), '    ')}\n"
             f'    raise NotImplementedError("{self.function} is yours to write")\n'
