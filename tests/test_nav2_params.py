@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from pipeline import nav2_params
+from pipeline import nav2
 from pipeline.cli import app
 from pipeline.config import Config, dump_config, load_config
 from pipeline.errors import MclError
@@ -116,7 +116,7 @@ def test_settings_and_flags_win_over_the_file(read) -> None:
     assert (config.kld_err, config.recovery, config.max_particles) == (0.1, "search", 7)
 
 
-@pytest.mark.parametrize("name", [*nav2_params.SAME])
+@pytest.mark.parametrize("name", [name for name, here in nav2.OURS.items() if name == here])
 def test_the_same_name_is_the_same_number(read, name: str) -> None:
     value = {"do_beamskip": "true", "max_beams": 31, "max_particles": 901, "min_particles": 88}.get(name, 0.125)
     assert str(getattr(read(amcl(**{name: value}))[0], name)).lower() == str(value)
