@@ -210,16 +210,16 @@ def load_config(
 ) -> Config:
     """Defaults, then the preset or file ``source``, then ``key=value`` strings, then flags that are not None.
 
-    The file may hold AMCL's parameters, for nav2 or for ROS 1, or be a launch file with them: see ``nav2``. What of those
-    has no meaning here, and what earlier versions had, is told to ``remark``, a line each. Raises MclError for an
+    The file may hold AMCL's parameters, for nav2 or for ROS 1, or be a launch file with them: see ``nav2``. What of
+    those has no meaning here, and what earlier versions had, is told to ``remark``, a line each. Raises MclError for an
     unknown key (naming the nearest one), a value out of bounds, a file that is neither YAML nor a launch file.
     """
     values: dict[str, Any] = {}
     theirs: Mapping[str, str] = {}
     if source is not None:
         values |= _read(source, remark)
-        if (given := nav2.given_in(values, source)) is not None:
-            found = nav2.translate(given)
+        if (amcl := nav2.given_in(values, source)) is not None:
+            found = nav2.translate(amcl)
             values, theirs = found.values, found.theirs
             for text in found.remarks:
                 remark(text)

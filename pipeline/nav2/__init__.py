@@ -5,7 +5,7 @@ from pipeline.nav2.launch import is_launch, values_of_launch
 from pipeline.nav2.layout import Entry, Layout, layout_of
 from pipeline.nav2.parameters import DEFAULTS, PARAMETERS, Parameter, kind_of
 from pipeline.nav2.translating import OURS, Translation, translate
-from pipeline.nav2.writing import fresh, written
+from pipeline.nav2.writing import fresh, given_of_text, written
 
 __all__ = [
     "DEFAULTS",
@@ -18,6 +18,7 @@ __all__ = [
     "Translation",
     "fresh",
     "given_in",
+    "given_of_text",
     "is_amcl",
     "is_launch",
     "kind_of",

@@ -20,9 +20,9 @@ NODE: Final = "amcl"
 class Given:
     """AMCL's parameters as a file gives them, by nav2's names.
 
-    ``values``: what it gives, also what AMCL does not know; ``defaults``: what AMCL takes for the rest, nav2's or ROS 1's;
-    ``names``: what the file calls a parameter, where that is another name than nav2's; ``own``: values of parameters of
-    this program that only ROS 1 has; ``remarks``: a line each on what was not taken.
+    ``values``: what it gives, also what AMCL does not know; ``defaults``: what AMCL takes for the rest, nav2's or ROS
+    1's; ``names``: what the file calls a parameter, where that is another name than nav2's; ``own``: values of
+    parameters of this program that only ROS 1 has; ``remarks``: a line each on what was not taken.
     """
 
     path: Path | str

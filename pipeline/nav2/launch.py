@@ -1,8 +1,8 @@
 """AMCL's parameters in a launch file: ROS 1's, or the XML of ROS 2.
 
-Only what the file plainly says is taken: parameters of the one node of AMCL, with the defaults of its arguments put in. It is
-read by a parser that opens nothing else: a document type, in which entities would be declared, is refused, and so is a
-file that is larger than any launch file is.
+Only what the file plainly says is taken: parameters of the one node of AMCL, with the defaults of its arguments put
+in. It is read by a parser that opens nothing else: a document type, in which entities would be declared, is refused,
+and so is a file that is larger than any launch file is.
 """
 
 from __future__ import annotations

@@ -128,13 +128,13 @@ class _Reader:
             end = self._events[self._at - 1].end_mark.index
             if block is not None:
                 plain = self._is_plain(event)
-                text = getattr(event, "value", None)
-                value = (typed(text) if plain else text) if single else []
+                text = str(getattr(event, "value", ""))
+                value: Any = (typed(text) if plain else text) if single else []
                 anchor = str(event.anchor or "") if type(event).__name__ == "ScalarEvent" else ""
                 name, line = ".".join(keys), key.start_mark.line + 1
                 # The value of `name:` is told to stand at the next key; it belongs behind the colon.
                 where = (colon, colon) if start == end else (start, end)
-                block.entries[name] = Entry(name, value, line, *where, colon, single, anchor)
+                block.entries[name] = Entry(name, value, line, where[0], where[1], colon, single, anchor)
                 self.last = max(self.last, where[1])
                 block.end = max(block.end, where[1])
             elif start < end:

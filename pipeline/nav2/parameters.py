@@ -1,7 +1,7 @@
 """Every parameter of AMCL: its type, bounds and default as nav2's configuration guide gives them, and what it is here.
 
-Reader, writer and checker of parameter files ask this one table. The guide states types and defaults. It states few bounds:
-where it states none, they are what the formula behind the parameter allows.
+Reader, writer and checker of parameter files ask this one table. The guide states types and defaults. It states few
+bounds: where it states none, they are what the formula behind the parameter allows.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ class Parameter:
     """One of AMCL's: nav2's ``default``, whose type is the parameter's; ``least`` and ``most`` of a number.
 
     ``above``: it must be more than ``least``. ``off``: a number outside the bounds that has a meaning of its own.
-    ``choices``: the words that a text may be. ``here``: our parameter of the same meaning, empty where there is none, and
-    ``translated``: its value is said in another way there.
+    ``choices``: the words that a text may be. ``here``: our parameter of the same meaning, empty where there is none,
+    and ``translated``: its value is said in another way there.
     """
 
     name: str

@@ -55,7 +55,7 @@ _PARAMETERS: Final[Mapping[str, tuple[str, Any]]] = {
 """ROS 1's name -> nav2's, and ROS 1's default."""
 NAMES: Final[Mapping[str, str]] = {theirs: name for name, (theirs, _) in _PARAMETERS.items()}
 """nav2's name -> ROS 1's."""
-DEFAULTS: Final[Mapping[str, Any]] = {**NAV2, **{theirs: default for theirs, default in _PARAMETERS.values()}}
+DEFAULTS: Final[Mapping[str, Any]] = {**NAV2, **dict(_PARAMETERS.values())}
 COVARIANCES: Final[Mapping[str, float]] = {
     "initial_cov_xx": 0.25,
     "initial_cov_yy": 0.25,
@@ -71,7 +71,9 @@ ABSENT: Final = (
     "use_map_topic",
 )
 """What only a running node of ROS 1 has."""
-ONLY: Final = frozenset({name for name, (theirs, _) in _PARAMETERS.items() if name != theirs} - {"kld_err", "kld_z"}) | {
+ONLY: Final = frozenset(
+    {name for name, (theirs, _) in _PARAMETERS.items() if name != theirs} - {"kld_err", "kld_z"}
+) | {
     *COVARIANCES,
     "gui_publish_rate",
     "use_map_topic",
@@ -112,8 +114,8 @@ def taken(given: Mapping[str, Any]) -> Taken:
     if drive == "diff":
         values |= _corrected(values)
         remarks.append(
-            "odom_model_type diff: this model of ROS 1 takes the alphas' variances for deviations; they are squared here "
-            "at the step of one update, which is what they do there. diff-corrected has them as nav2 does"
+            "odom_model_type diff: this model of ROS 1 takes the alphas' variances for deviations; here they are "
+            "squared at the step of one update, which is what they do there. diff-corrected has them as nav2 does"
         )
     if str(drive) in DRIVES:
         values["robot_model_type"] = DRIVES[str(drive)]
@@ -133,7 +135,7 @@ def _typed(name: str, value: Any) -> Any:
 def _corrected(values: Mapping[str, Any]) -> dict[str, Any]:
     """The alphas of diff as diff-corrected has them: alpha u^2 is a deviation in the one, a variance in the other.
 
-    Equal at an update of the size u that AMCL waits for, update_min_d or update_min_a; others are as good as left alone.
+    The two are equal at an update of the size u that AMCL waits for, update_min_d or update_min_a.
     """
     out = {}
     for k, step in ((1, "update_min_a"), (2, "update_min_d"), (3, "update_min_d"), (4, "update_min_a")):

@@ -68,7 +68,7 @@ def translate(given: Given) -> Translation:
         said = f"{given.name('robot_model_type')} {drive}: the odometry model is the differential one here"
         remarks.append(f"{given.path}: {said}")
     theirs = {here: given.name(name) for name, here in OURS.items() if given.name(name) != here}
-    return Translation(ours | given.own, theirs, (*given.ignored(), *given.remarks, *remarks))
+    return Translation({**ours, **given.own}, theirs, (*given.ignored(), *given.remarks, *remarks))
 
 
 def _set_start(ours: dict[str, Any], given: Given) -> None:

@@ -8,11 +8,18 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import MclError
-from pipeline.nav2.given import is_amcl, nodes_in
+from pipeline.nav2.given import Given, is_amcl, nodes_in
 from pipeline.nav2.layout import Block, Layout, layout_of
 from pipeline.nav2.parameters import PARAMETERS
 
 Values = Mapping[str, Any]
+
+
+def given_of_text(text: str | None, path: Path | str) -> Given:
+    """What such a file gives AMCL so far; nothing, if there is no file yet, or no AMCL in it."""
+    blocks = {} if text is None else layout_of(text, path).blocks
+    found = [block for node, block in blocks.items() if is_amcl(node)]
+    return Given(path, {name: entry.value for block in found for name, entry in block.entries.items()})
 
 
 def fresh(values: Values, comment: str = "") -> str:
@@ -22,7 +29,7 @@ def fresh(values: Values, comment: str = "") -> str:
 
 
 def written(text: str, values: Values, path: Path | str) -> str:
-    """The ``text`` of a parameter file in which AMCL has these values; a parameter that it lacks is added to the others.
+    """The ``text`` of a parameter file in which AMCL has these values; a parameter that it lacks is added below.
 
     Raises MclError if the file has several AMCL, or a value that cannot be replaced without changing another line.
     """
@@ -30,7 +37,7 @@ def written(text: str, values: Values, path: Path | str) -> str:
     found = [node for node in layout.blocks if is_amcl(node)]
     if len(found) > 1:
         raise MclError(f"parameters of several AMCL nodes: {', '.join(found)}", "keep one of them", path=path)
-    changes = _changes(layout, layout.blocks[found[0]], values) if found else [_appended(layout, values)]
+    changes = [_appended(layout, values)] if not found else _changes(layout, layout.blocks[found[0]], values)
     for start, end, new in sorted(changes, reverse=True):
         text = text[:start] + new + text[end:]
     _check(layout.text, text, values, path)
@@ -87,8 +94,9 @@ def _node(values: Values, newline: str) -> str:
 def _check(before: str, after: str, values: Values, path: Path | str) -> None:
     """Raises MclError unless the new text reads as the old one does, but for these values."""
     old, new = _read(before, path), _read(after, path)
-    node = next(name for name in new if is_amcl(name))
-    wanted = old | {node: old.get(node, {}) | {name: repr(value) for name, value in values.items()}}
+    wanted = dict(old)
+    for node in [name for name in new if is_amcl(name)]:
+        wanted[node] = old.get(node, {}) | {name: repr(value) for name, value in values.items()}
     if new != wanted:
         raise MclError("this file is written in a way that cannot be changed safely", "write it plainly", path=path)
 

@@ -113,8 +113,14 @@ def test_a_parameter_is_put_where_it_belongs(before: str, after: str) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a:\n  amcl: {ros__parameters: {}}\nb:\n  amcl: {ros__parameters: {}}\n", "several AMCL nodes: a/amcl, b/amcl"),
-        ("amcl:\n  ros__parameters:\n    sigma_hit: &s 0.3\n    z_hit: *s\n", r"p\.yaml:3: sigma_hit has the anchor &s"),
+        (
+            "a:\n  amcl: {ros__parameters: {}}\nb:\n  amcl: {ros__parameters: {}}\n",
+            "several AMCL nodes: a/amcl, b/amcl",
+        ),
+        (
+            "amcl:\n  ros__parameters:\n    sigma_hit: &s 0.3\n    z_hit: *s\n",
+            r"p\.yaml:3: sigma_hit has the anchor &s",
+        ),
         ("amcl:\n  ros__parameters:\n    sigma_hit: [0.1]\n", r"p\.yaml:3: sigma_hit has a list"),
         ("{b: {ros__parameters: {c: 1}}}\n", "a file in braces"),
         ("amcl: [\n", r"p\.yaml:\d"),
@@ -175,7 +181,9 @@ def test_a_value_is_right_by_its_type_and_its_bounds(name: str, value: Any) -> N
     ],
 )  # fmt: skip
 def test_a_scalar_is_read_as_ros_reads_it(text: str, value: Any) -> None:
-    (entry,) = nav2.layout_of(f"amcl:\n  ros__parameters:\n    sigma_hit: {text}\n", "p").blocks["amcl"].entries.values()
+    (entry,) = (
+        nav2.layout_of(f"amcl:\n  ros__parameters:\n    sigma_hit: {text}\n", "p").blocks["amcl"].entries.values()
+    )
     assert entry.value == value
     assert type(entry.value) is type(value)
 

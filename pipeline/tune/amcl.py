@@ -1,0 +1,156 @@
+"""AMCL's own parameters, for nav2: learned from how its filter works, not copied from ours.
+
+AMCL hears the wheels alone and updates once the robot has moved by update_min_d or update_min_a, so the alphas are
+learned at that pace. Its likelihood_field asks how far from the nearest wall a beam ends, not from the wall along the
+beam, so sigma_hit and z_hit are learned from those distances. What ours has beside that (z_long, range_bias,
+independent_beams, the laser's odometry) it has no word for. docs/tuning.md has the measurements behind the constants.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.config import Config
+from pipeline.geometry import compose, wrap_angle
+from pipeline.maps.distance_field import build_distance_field
+from pipeline.nav2 import PARAMETERS
+from pipeline.tune.em import Array
+from pipeline.tune.found import Found
+from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
+from pipeline.tune.reasons import Reason
+
+PACE = 0.1, 0.1
+"""m, rad: AMCL's updates. Its weights are blunt, and its particles few: it needs more looks than every 0.25 m."""
+FREER = 3.0
+"""Times the variance that was measured: AMCL has no other noise by which particles reach a pose that they missed."""
+LEAST_ALPHA = 0.005
+MOST_ALPHA = 0.5
+OCCUPIED = 0.65
+"""From which probability on map_server, of nav2, draws a wall."""
+NEAR = 0.5
+"""m: beams that end farther from all walls do not see a wall of the map."""
+LEAST_SIGMA, MOST_SIGMA = 0.05, 0.3
+LEAST_HIT, MOST_HIT = 0.5, 0.95
+SCANS = 500
+"""Of one log, spread over it."""
+REACH = 2.0
+"""m: laser_likelihood_max_dist."""
+
+
+@dataclass(frozen=True)
+class AmclFit:
+    """AMCL's parameters by nav2's names, as they are written, and why each is what it is."""
+
+    values: dict[str, Any]
+    reasons: tuple[Reason, ...]
+
+
+def fit_amcl(found: Sequence[Found], config: Config) -> AmclFit:
+    """What nav2's AMCL should be given for the robot and the building of these logs."""
+    reasons = [*_of_wheels(found, config), *_of_the_field(found), *_of_the_filter(found)]
+    values = {reason.name: reason.value for reason in reasons}
+    return AmclFit({name: values[name] for name in PARAMETERS if name in values}, tuple(reasons))
+
+
+def amcl_updates(odometry: Array, scans: NDArray[np.int64], d: float, a: float) -> NDArray[np.int64]:
+    """Those of the ``scans`` (k,) at which AMCL updates: after ``d`` m along an axis of the odometry, or ``a`` rad."""
+    kept: list[int] = []
+    for scan in scans.tolist():
+        if kept:
+            delta = odometry[scan] - odometry[kept[-1]]
+            if np.abs(delta[:2]).max() <= d and abs(float(wrap_angle(delta[2]))) <= a:
+                continue
+        kept.append(scan)
+    return np.array(kept, np.int64)
+
+
+def ends(found: Found) -> Array:
+    """(m,) how far from the nearest wall the beams of a log end, m, at hindsight's poses; at most REACH."""
+    log = found.log
+    assert log.grid is not None
+    field = build_distance_field(log.grid, OCCUPIED, REACH)
+    rows = found.every(SCANS)
+    at = compose(found.trajectory[rows], log.laser.pose)
+    ranges = log.ranges[rows].astype(np.float64)
+    yaw = at[:, 2:] + log.laser.angles
+    back = np.isfinite(ranges) & (ranges < log.laser.range_max)
+    x, y = at[:, :1] + np.where(back, ranges, 0.0) * np.cos(yaw), at[:, 1:2] + np.where(back, ranges, 0.0) * np.sin(yaw)
+    points = log.grid.to_grid(np.stack([x[back], y[back], np.zeros(int(back.sum()))], axis=-1))
+    cells = np.floor(points[:, :2] / log.grid.resolution).astype(np.int64)
+    height, width = field.codes.shape
+    inside = (cells >= 0).all(axis=1) & (cells[:, 0] < width) & (cells[:, 1] < height)
+    out = np.full(len(cells), REACH)
+    out[inside] = field.distances[field.codes[cells[inside, 1], cells[inside, 0]]]
+    return out
+
+
+def _of_wheels(found: Sequence[Found], config: Config) -> list[Reason]:
+    d, a = PACE
+    rows = [
+        windows(f.log.odometry, f.trajectory, amcl_updates(f.log.odometry, f.scans, d, a), config)
+        for f in found
+        if f.way.wheels
+    ]
+    windowed = np.concatenate([np.empty((0, 4)), *rows])
+    pace = f"at an update every {d:g} m or {a:g} rad"
+    out = [
+        Reason("update_min_d", d, "AMCL's weights are blunt: it needs more looks than its default's", {}),
+        Reason("update_min_a", a, "as update_min_d", {}),
+    ]
+    if len(windowed) < FEWEST:
+        return out  # the file's own alphas stay, or AMCL's default
+    fitted = fit_motion(rows, config)
+    heading, way = (float(np.sqrt(np.mean(np.square(windowed[:, k])))) for k in (0, 1))
+    for name in ALPHAS:
+        measured = float(getattr(fitted, name))
+        value = _digits(min(max(FREER * measured, LEAST_ALPHA), MOST_ALPHA))
+        error = f"{math.degrees(heading):.2f} deg" if name in ("alpha1", "alpha2") else f"{way:.3f} m"
+        text = (
+            f"over {len(windowed):,} windows of 0.5 to 1.5 m the wheels err by {error} (RMS), which is {measured:.2g} "
+            f"{pace}; times {FREER:g}, since AMCL's particles have no other way to spread, and at least {LEAST_ALPHA:g}"
+        )
+        out.append(Reason(name, value, text, {"windows": len(windowed), "measured": measured}))
+    return out
+
+
+def _of_the_field(found: Sequence[Found]) -> list[Reason]:
+    distances = np.concatenate([ends(f) for f in found])
+    n = len(distances)
+    near = distances[distances < NEAR]
+    deviation = float(np.sqrt(np.mean(np.square(near)))) if len(near) else LEAST_SIGMA
+    sigma = _digits(min(max(deviation, LEAST_SIGMA), MOST_SIGMA))
+    hit = len(near) / max(n, 1)
+    z_hit = round(min(max(hit, LEAST_HIT), MOST_HIT), 3)
+    z_rand = round(1.0 - z_hit, 3)
+    of = f"of {n:,} beams at {sum(len(f.every(SCANS)) for f in found):,} scans"
+    return [
+        Reason("laser_model_type", "likelihood_field", "it was the surest of AMCL's models on every log tried", {}),
+        Reason(
+            "sigma_hit", sigma,
+            f"{len(near):,} {of} end within {NEAR:g} m of a wall, {deviation:.3f} m from it (RMS); between "
+            f"{LEAST_SIGMA:g} and {MOST_SIGMA:g}",
+            {"beams": len(near), "deviation": deviation},
+        ),
+        Reason(
+            "z_hit", z_hit,
+            f"{100 * hit:.1f} % {of} end within {NEAR:g} m of a wall; between {LEAST_HIT:g} and {MOST_HIT:g}",
+            {"beams": n, "share": hit},
+        ),
+        Reason("z_rand", z_rand, "the rest: AMCL normalises nothing, and its field has these two parts only", {}),
+        Reason("laser_likelihood_max_dist", REACH, "farther from a wall than this, all ends count alike", {}),
+    ]  # fmt: skip
+
+
+def _of_the_filter(found: Sequence[Found]) -> list[Reason]:
+    return []
+
+
+def _digits(value: float) -> float:
+    """Three digits: more than the logs can tell, and what is written is what is meant."""
+    return float(f"{value:.3g}")
