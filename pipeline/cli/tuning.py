@@ -170,7 +170,8 @@ def _base(output: Path | None, nav2_file: Path | None) -> _Base | None:
         nav2.written(text, {}, path)
     elif "nav2" not in path.name.lower():
         return None
-    return _Base(path, text, nav2.given_of_text(text, path))
+    given = nav2.Given(path, {}) if text is None else nav2.given_of_layout(nav2.layout_of(text, path))
+    return _Base(path, text, given)
 
 
 def _record(learned: Tuning, text: str, path: Path) -> None:

@@ -2,13 +2,14 @@
 
 from pipeline.nav2.given import Given, given_in, is_amcl, nodes_in
 from pipeline.nav2.launch import is_launch, values_of_launch
-from pipeline.nav2.layout import Entry, Layout, layout_of
-from pipeline.nav2.parameters import DEFAULTS, PARAMETERS, Parameter, kind_of
+from pipeline.nav2.layout import Entry, Layout, given_of_layout, layout_of, lines_of
+from pipeline.nav2.parameters import DEFAULTS, OF_EVERY_NODE, PARAMETERS, Parameter, kind_of
 from pipeline.nav2.translating import OURS, Translation, translate
-from pipeline.nav2.writing import fresh, given_of_text, written
+from pipeline.nav2.writing import fresh, written
 
 __all__ = [
     "DEFAULTS",
+    "OF_EVERY_NODE",
     "OURS",
     "PARAMETERS",
     "Entry",
@@ -18,11 +19,12 @@ __all__ = [
     "Translation",
     "fresh",
     "given_in",
-    "given_of_text",
+    "given_of_layout",
     "is_amcl",
     "is_launch",
     "kind_of",
     "layout_of",
+    "lines_of",
     "nodes_in",
     "translate",
     "values_of_launch",

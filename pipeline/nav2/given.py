@@ -62,14 +62,16 @@ class Given:
             raise MclError(f"{self.name(name)}: expected one of {known}, got {self.get(name)!r}", path=self.path)
         return value
 
+    def unknown(self) -> list[str]:
+        """Names that AMCL does not know, nor any node."""
+        beside = (*OF_EVERY_NODE, *(ros1.ABSENT if self.names else ()))
+        return [n for n in self.values if n not in PARAMETERS and n.partition(".")[0] not in beside]
+
     def ignored(self) -> Iterator[str]:
         """A line that names what has no meaning here, if there is anything."""
         told = [self.name(n) for n in self.values if n in PARAMETERS and not of_the_filter(n)]
-        unknown = [n for n in self.values if n not in PARAMETERS and n.partition(".")[0] not in OF_EVERY_NODE]
-        if self.names:
-            told += [n for n in unknown if n in ros1.ABSENT]
-            unknown = [n for n in unknown if n not in ros1.ABSENT]
-        if unknown:
+        told += [n for n in self.values if self.names and n in ros1.ABSENT]
+        if unknown := self.unknown():
             told.append(f"and what AMCL does not know: {', '.join(unknown)}")
         if told:
             yield f"{self.path}: parameters of AMCL; ignored: {', '.join(told)}"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from pipeline.errors import MclError
-from pipeline.nav2.given import KEY, NODE
+from pipeline.nav2.given import KEY, NODE, Given, is_amcl, of_the_filter
 
 _INTEGER: Final = re.compile(r"[-+]?(0|[1-9][0-9]*|0x[0-9a-fA-F]+|0[0-7]+)")
 _DOUBLE: Final = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
@@ -190,6 +190,27 @@ def typed(text: str) -> Any:
     return text
 
 
-def entries_of(block: Block) -> Iterator[Entry]:
-    """In the order in which they stand."""
-    yield from sorted(block.entries.values(), key=lambda entry: entry.start)
+def given_of_layout(layout: Layout) -> Given:
+    """What the file gives AMCL, every value as ROS reads it; nothing, if AMCL is not in it.
+
+    Raises MclError if there are several.
+    """
+    found = [node for node in layout.blocks if is_amcl(node)]
+    if len(found) > 1:
+        raise MclError(f"parameters of several AMCL nodes: {', '.join(found)}", "keep one of them", path=layout.path)
+    return Given(layout.path, {name: entry.value for name, entry in _entries(layout)})
+
+
+def lines_of(layout: Layout) -> dict[str, int]:
+    """On which line each of AMCL's parameters stands."""
+    return {name: entry.line for name, entry in _entries(layout)}
+
+
+def _entries(layout: Layout) -> Iterator[tuple[str, Entry]]:
+    """Those given to every node, if AMCL has them, and then its own."""
+    for node, block in layout.blocks.items():
+        if "*" in node and not is_amcl(node):
+            yield from ((name, entry) for name, entry in block.entries.items() if of_the_filter(name))
+    for node, block in layout.blocks.items():
+        if is_amcl(node):
+            yield from block.entries.items()

@@ -8,18 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import MclError
-from pipeline.nav2.given import Given, is_amcl, nodes_in
+from pipeline.nav2.given import is_amcl, nodes_in
 from pipeline.nav2.layout import Block, Layout, layout_of
 from pipeline.nav2.parameters import PARAMETERS
 
 Values = Mapping[str, Any]
-
-
-def given_of_text(text: str | None, path: Path | str) -> Given:
-    """What such a file gives AMCL so far; nothing, if there is no file yet, or no AMCL in it."""
-    blocks = {} if text is None else layout_of(text, path).blocks
-    found = [block for node, block in blocks.items() if is_amcl(node)]
-    return Given(path, {name: entry.value for block in found for name, entry in block.entries.items()})
 
 
 def fresh(values: Values, comment: str = "") -> str:

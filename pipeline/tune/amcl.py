@@ -22,15 +22,20 @@ from pipeline.maps.distance_field import build_distance_field
 from pipeline.nav2 import PARAMETERS
 from pipeline.tune.em import Array
 from pipeline.tune.found import Found
-from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
+from pipeline.tune.motion import ALPHAS, FEWEST, windows
 from pipeline.tune.reasons import Reason
 
-PACE = 0.1, 0.1
-"""m, rad: AMCL's updates. Its weights are blunt, and its particles few: it needs more looks than every 0.25 m."""
+PACE = 0.25, 0.2
+"""m, rad: AMCL's updates, as its defaults have them. Where wheels do what no model expects it is lost the sooner, the
+shorter they are: at 0.1 m on the log of Freiburg, whose wheels know no reverse."""
 FREER = 3.0
 """Times the variance that was measured: AMCL has no other noise by which particles reach a pose that they missed."""
-LEAST_ALPHA = 0.005
-MOST_ALPHA = 0.5
+LEAST_ALPHA, MOST_ALPHA = 0.005, 1.0
+POSSIBLE = 1.0
+"""m, rad: a window in which the wheels err by more is a robot that was carried."""
+SMALLEST_ERROR = 0.02
+"""m, rad: what hindsight itself may err by in a window."""
+ROUNDS = 5
 OCCUPIED = 0.65
 """From which probability on map_server, of nav2, draws a wall."""
 NEAR = 0.5
@@ -53,7 +58,7 @@ class AmclFit:
 
 def fit_amcl(found: Sequence[Found], config: Config) -> AmclFit:
     """What nav2's AMCL should be given for the robot and the building of these logs."""
-    reasons = [*_of_wheels(found, config), *_of_the_field(found), *_of_the_filter(found)]
+    reasons = [*_of_wheels(found, config), *_of_the_field(found)]
     values = {reason.name: reason.value for reason in reasons}
     return AmclFit({name: values[name] for name in PARAMETERS if name in values}, tuple(reasons))
 
@@ -90,6 +95,33 @@ def ends(found: Found) -> Array:
     return out
 
 
+def moments(rows: Array) -> tuple[float, float, float, float]:
+    """alpha1 to alpha4 by which the wheels' errors have the size that they have, the worst of them included.
+
+    ``rows`` (w, 4): as ``motion.windows`` has them. `mcl tune` leaves outliers out of its own alphas, since its filter
+    follows the laser where the wheels slip; AMCL has nothing else to follow.
+    """
+    heading, along, turned, driven = rows.T
+    alpha1, alpha2 = _moment(heading, np.column_stack([turned, 2.0 * driven]))
+    alpha4, alpha3 = _moment(along, np.column_stack([turned, driven]))
+    return alpha1, alpha2, alpha3, alpha4
+
+
+def _moment(errors: Array, regressors: Array) -> tuple[float, float]:
+    """What each of two regressors (n, 2) adds to the mean square of the errors (n,), beside a constant."""
+    from scipy.optimize import nnls
+
+    possible = np.abs(errors) < POSSIBLE
+    squared = np.square(errors[possible])
+    design = np.column_stack([regressors[possible], np.ones(len(squared))])
+    scale = np.maximum(design.max(axis=0, initial=0.0), 1e-9)  # all near one: better conditioned
+    predicted, solution = np.ones(len(squared)), np.zeros(3)
+    for _ in range(ROUNDS):
+        solution = nnls(design / scale / predicted[:, None], squared / predicted)[0] / scale
+        predicted = np.maximum(design @ solution, SMALLEST_ERROR**2)
+    return float(solution[0]), float(solution[1])
+
+
 def _of_wheels(found: Sequence[Found], config: Config) -> list[Reason]:
     d, a = PACE
     rows = [
@@ -99,16 +131,14 @@ def _of_wheels(found: Sequence[Found], config: Config) -> list[Reason]:
     ]
     windowed = np.concatenate([np.empty((0, 4)), *rows])
     pace = f"at an update every {d:g} m or {a:g} rad"
-    out = [
-        Reason("update_min_d", d, "AMCL's weights are blunt: it needs more looks than its default's", {}),
-        Reason("update_min_a", a, "as update_min_d", {}),
-    ]
+    why = "the alphas are learned for updates so far apart, and mean something else at others"
+    out = [Reason("update_min_d", d, why, {}), Reason("update_min_a", a, why, {})]
     if len(windowed) < FEWEST:
         return out  # the file's own alphas stay, or AMCL's default
-    fitted = fit_motion(rows, config)
+    fitted = dict(zip(ALPHAS, moments(windowed), strict=True))
     heading, way = (float(np.sqrt(np.mean(np.square(windowed[:, k])))) for k in (0, 1))
     for name in ALPHAS:
-        measured = float(getattr(fitted, name))
+        measured = fitted[name]
         value = _digits(min(max(FREER * measured, LEAST_ALPHA), MOST_ALPHA))
         error = f"{math.degrees(heading):.2f} deg" if name in ("alpha1", "alpha2") else f"{way:.3f} m"
         text = (
@@ -145,10 +175,6 @@ def _of_the_field(found: Sequence[Found]) -> list[Reason]:
         Reason("z_rand", z_rand, "the rest: AMCL normalises nothing, and its field has these two parts only", {}),
         Reason("laser_likelihood_max_dist", REACH, "farther from a wall than this, all ends count alike", {}),
     ]  # fmt: skip
-
-
-def _of_the_filter(found: Sequence[Found]) -> list[Reason]:
-    return []
 
 
 def _digits(value: float) -> float:
