@@ -2,11 +2,11 @@
 
     python docs/amcl.py --log LOG.mcap TRUTH.tum --file default --file nav2_params.yaml --runs 5
 
-is how the table of docs/tuning.md was made. AMCL is given the reference's first pose as somebody would click it in RViz
-(off by 0.2 m and 5 degrees at one deviation, with RViz's covariance), hears the wheels alone, and says at every scan where the
-robot is: its last estimate, and what the wheels count since. It shares the reader and the map with the product, and
-nothing of its filter: motion model, both likelihood fields, resampling with KLD, random poses and clusters are as in nav2_amcl.
-AMCL's beam model is left out.
+is how the table of docs/tuning.md was made; `--laser-truth` says that TRUTH.tum has the poses of the laser. AMCL is
+given the first pose as somebody would click it in RViz (off by 0.2 m and 5 degrees at one deviation, with RViz's
+covariance), hears the wheels alone, and says at every scan where the robot is: its last estimate, and what the wheels
+count since. It shares the reader and the map with the product, and nothing of its filter: motion model, both likelihood
+fields, resampling with KLD, random poses and clusters are as in nav2_amcl. AMCL's beam model is left out.
 """
 
 from __future__ import annotations
@@ -20,11 +20,15 @@ from typing import Any
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from ruamel.yaml import YAML
 
+from pipeline import read_log
 from pipeline.evaluate.metrics import interpolate, is_localized, laser_to_base, pose_errors
 from pipeline.geometry import compose, inverse, wrap_angle
 from pipeline.logs.messages import Log
+from pipeline.logs.tum import read_tum
 from pipeline.maps.distance_field import build_distance_field
+from pipeline.nav2 import DEFAULTS, given_in
 
 Array = NDArray[np.float64]
 CLICKED = (0.2, 0.2, math.radians(5.0))
@@ -55,11 +59,10 @@ def run(log: Log, given: Mapping[str, Any], start: Array, seed: int) -> Array:
         step = max(1, (laser.beams - 1) // (given["max_beams"] - 1))
     angles = laser.angles[::step] + laser.pose[2]
     free = np.argwhere(~grid.occupied(0.25))
-    np_random = np.random.default_rng(seed)
-    _seed(seed)
+    rng = np.random.default_rng(seed)
     most = max(given["max_particles"], given["min_particles"])
-    clicked = start + np_random.normal(0.0, CLICKED)
-    particles = grid.to_grid(clicked) + np_random.normal(0.0, RVIZ, (most, 3))
+    clicked = start + rng.normal(0.0, CLICKED)
+    particles = grid.to_grid(clicked) + rng.normal(0.0, RVIZ, (most, 3))
     weights = np.full(most, 1.0 / most)
     alphas = np.array([given[f"alpha{k}"] for k in range(1, 5)])
     slow = fast = 0.0
@@ -75,7 +78,7 @@ def run(log: Log, given: Mapping[str, Any], start: Array, seed: int) -> Array:
             if not (np.abs(delta[:2]).max() > given["update_min_d"] or abs(delta[2]) > given["update_min_a"]):
                 out[i] = compose(offset, odometry)
                 continue
-            _move(particles, delta, updated[2], alphas)
+            _move(particles, delta, updated[2], alphas, rng)
         updated = odometry.copy()
         ranges = log.ranges[i, ::step].astype(np.float64)
         ranges[ranges <= range_min] = np.inf
@@ -101,7 +104,7 @@ def run(log: Log, given: Mapping[str, Any], start: Array, seed: int) -> Array:
             share = max(0.0, 1.0 - fast / slow) if slow > 0.0 else 0.0
             particles = _resample(
                 particles, weights, share, free, grid.resolution,
-                given["min_particles"], most, given["pf_err"], given["pf_z"],
+                given["min_particles"], most, given["pf_err"], given["pf_z"], rng,
             )  # fmt: skip
             weights = np.full(len(particles), 1.0 / len(particles))
             if share > 0.0:
@@ -112,11 +115,6 @@ def run(log: Log, given: Mapping[str, Any], start: Array, seed: int) -> Array:
 
 
 @njit(cache=True)
-def _seed(seed):
-    np.random.seed(seed)
-
-
-@njit(cache=True)
 def _near_turn(angle):
     """How far an angle is from driving straight, forwards or backwards."""
     a = abs((angle + math.pi) % (2.0 * math.pi) - math.pi)
@@ -124,7 +122,7 @@ def _near_turn(angle):
 
 
 @njit(cache=True)
-def _move(particles, delta, old_yaw, alphas):
+def _move(particles, delta, old_yaw, alphas, rng):
     trans = math.hypot(delta[0], delta[1])
     rot1 = 0.0 if trans < 0.01 else math.atan2(delta[1], delta[0]) - old_yaw
     rot2 = delta[2] - rot1
@@ -133,9 +131,9 @@ def _move(particles, delta, old_yaw, alphas):
     s2 = math.sqrt(alphas[2] * trans * trans + alphas[3] * (n1 * n1 + n2 * n2))
     s3 = math.sqrt(alphas[0] * n2 * n2 + alphas[1] * trans * trans)
     for i in range(len(particles)):
-        first = rot1 + np.random.normal() * s1
-        far = trans + np.random.normal() * s2
-        second = rot2 + np.random.normal() * s3
+        first = rot1 + rng.normal() * s1
+        far = trans + rng.normal() * s2
+        second = rot2 + rng.normal() * s3
         particles[i, 0] += far * math.cos(particles[i, 2] + first)
         particles[i, 1] += far * math.sin(particles[i, 2] + first)
         particles[i, 2] += first + second
@@ -198,19 +196,19 @@ def _limit(bins, least, most, err, z):
 
 
 @njit(cache=True)
-def _resample(particles, weights, share, free, resolution, least, most, err, z):
+def _resample(particles, weights, share, free, resolution, least, most, err, z, rng):
     cumulative = np.cumsum(weights)
     out = np.empty((most, 3))
     bins = {(np.int64(0), np.int64(0), np.int64(0))}
     bins.clear()
     n = 0
     while n < most:
-        if np.random.random() < share:
-            row, col = free[np.random.randint(len(free))]
+        if rng.random() < share:
+            row, col = free[rng.integers(0, len(free))]
             out[n, 0], out[n, 1] = (col + 0.5) * resolution, (row + 0.5) * resolution
-            out[n, 2] = (2.0 * np.random.random() - 1.0) * math.pi
+            out[n, 2] = (2.0 * rng.random() - 1.0) * math.pi
         else:
-            drawn = np.searchsorted(cumulative, np.random.random() * cumulative[-1], side="right")
+            drawn = np.searchsorted(cumulative, rng.random() * cumulative[-1], side="right")
             out[n] = particles[min(drawn, len(particles) - 1)]
         bins.add(_key(out[n]))
         n += 1
@@ -264,3 +262,47 @@ def _best_cluster(particles):
             sums[2] += math.cos(particles[i, 2])
             sums[3] += math.sin(particles[i, 2])
     return np.array([sums[0] / weight[best], sums[1] / weight[best], math.atan2(sums[3], sums[2])])
+
+
+def main() -> None:
+    """Runs every file over every log, and prints a row for each of both."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--log", nargs=2, action="append", required=True, metavar=("LOG", "TRUTH"))
+    parser.add_argument("--file", action="append", required=True, help="nav2's parameter file, or: default")
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--laser-truth", action="store_true", help="TRUTH has the poses of the laser")
+    parser.add_argument("--until", type=float, help="s: no more of the log than that")
+    asked = parser.parse_args()
+    print("| log | file | scans right, all runs | worst run | median error (m) | p95 (m) | median (deg) |")
+    print("|-----|------|----------------------:|----------:|-----------------:|--------:|-------------:|")
+    for path, truth_path in asked.log:
+        log = read_log(path)
+        if asked.until is not None:
+            log = log.part(slice(int(np.searchsorted(log.times, asked.until))))
+        reference = read_tum(truth_path)
+        truth = interpolate(laser_to_base(reference, log.laser.pose) if asked.laser_truth else reference, log.stamps)
+        known = np.flatnonzero(~np.isnan(truth[:, 0]))
+        log, truth = log.part(slice(known[0], known[-1] + 1)), truth[known[0] : known[-1] + 1]
+        for file in asked.file:
+            rows = []
+            for seed in range(asked.runs):
+                position, heading = pose_errors(run(log, _given(file), truth[0], seed), truth)
+                right = float(is_localized(position, heading).mean())
+                rows.append((right, np.median(position), np.quantile(position, 0.95), np.degrees(np.median(heading))))
+            right, *errors = np.array(rows).T
+            middle = " | ".join(f"{np.median(e):.{digits}f}" for e, digits in zip(errors, (3, 2, 1), strict=True))
+            name = file if file == "default" else Path(file).name
+            print(f"| {log.name} | {name} | {100 * right.mean():.1f} % | {100 * right.min():.1f} % | {middle} |")
+
+
+def _given(file: str) -> dict[str, Any]:
+    """AMCL's parameters by name: what the file says, and nav2's defaults for the rest."""
+    if file == "default":
+        return dict(DEFAULTS)
+    values = given_in(YAML(typ="safe").load(Path(file)), file)
+    assert values is not None, "no parameters of AMCL in this file"
+    return {name: values.get(name) for name in DEFAULTS}
+
+
+if __name__ == "__main__":
+    main()

@@ -102,8 +102,8 @@ def config(
         bool,
         typer.Option(
             "--check",
-            help="Tell instead what is wrong with a file of AMCL's parameters: what nav2 would refuse, what contradicts "
-            "itself, and what is far from what LOG shows. Exits with 1 if something is broken.",
+            help="Tell instead what is wrong with a file of AMCL's parameters: what nav2 would refuse, what is "
+            "contradictory, and what is far from what LOG shows. Exits with 1 if something is broken.",
         ),
     ] = False,
     map_path: MapOption = None,

@@ -94,7 +94,7 @@ def _of_places(tuning: Tuning) -> Iterator[Reason]:
     best_place = float(np.mean(windows.argmax(axis=1) == 0)) if len(windows) else float("nan")
     text = (
         f"over {len(windows):,} stretches of 0.2 m, with all beams counted in full, the right place is likelier than "
-        f"{windows.shape[1] - 1} rivals in {100 * best_place:.0f} %; so many make it as sure as it is right"
+        f"{windows.shape[1] - 1} rivals in {100 * best_place:.0f} %; so many are as sure as they are right"
     )
     numbers = {"stretches": len(windows), "right": best_place}
     yield Reason("independent_beams", tuning.after.independent_beams, text, numbers)
