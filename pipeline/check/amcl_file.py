@@ -18,6 +18,7 @@ from pipeline.nav2 import (
     Given,
     given_in,
     given_of_layout,
+    is_amcl,
     is_launch,
     layout_of,
     lines_of,
@@ -67,6 +68,9 @@ def checked(path: Path) -> tuple[Checked, list[Finding]]:
         layout = layout_of(text, path)
         if layout.blocks:
             given, lines = given_of_layout(layout), lines_of(layout)
+            if not given.values and not any(map(is_amcl, layout.blocks)):
+                has = ", ".join(layout.blocks)
+                raise MclError(f"no parameters of 'amcl' in this ROS file: it has {has}", path=path)
         else:
             from ruamel.yaml import YAML
 
@@ -75,7 +79,7 @@ def checked(path: Path) -> tuple[Checked, list[Finding]]:
                 raise MclError("no parameters of AMCL in this file", "expected nav2's, or those of ROS 1", path=path)
             given, lines = found, {}
     remarks += given.remarks
-    said = [Finding("noted", "reading", _sentence(remark), "Give what it names itself.") for remark in remarks]
+    said = [Finding("noted", "reading", _sentence(remark), "Nothing, if that is meant.") for remark in remarks]
     return Checked(given, lines), said
 
 

@@ -140,7 +140,7 @@ def _corrected(values: Mapping[str, Any]) -> dict[str, Any]:
     out = {}
     for k, step in ((1, "update_min_a"), (2, "update_min_d"), (3, "update_min_d"), (4, "update_min_a")):
         alpha, size = (values.get(name, DEFAULTS[name]) for name in (f"alpha{k}", step))
-        if isinstance(alpha, float) and isinstance(size, float):
+        if isinstance(alpha, float) and isinstance(size, float) and alpha >= 0.0:
             out[f"alpha{k}"] = (alpha * max(size, LEAST_STEP)) ** 2
     return out
 

@@ -85,8 +85,8 @@ def _of_places(tuning: Tuning) -> Iterator[Reason]:
     tried = sorted(tuning.thresholds, key=lambda pair: -pair[1])
     best, second = tried[0], tried[1]
     text = (
-        f"of {len(tried)} thresholds tried, the model with this one best predicts the scans held out: {best[1]:.2f} nats "
-        f"a scan; with the next, {second[0]:g}, it is {second[1]:.2f}"
+        f"of {len(tried)} thresholds tried, the model with this one best predicts the scans held out: {best[1]:.2f} "
+        f"nats a scan; with the next, {second[0]:g}, it is {second[1]:.2f}"
     )
     numbers = {"tried": len(tried), "nats": best[1], "nats_of_next": second[1]}
     yield Reason("occupied_threshold", tuning.after.occupied_threshold, text, numbers)
