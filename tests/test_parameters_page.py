@@ -14,6 +14,7 @@ from pipeline.config import Config
 
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
 OURS, _, AMCLS = PAGE.partition("## AMCL's parameter files")
+AMCLS = AMCLS.partition("### AMCL of ROS 1")[0]
 SCHEMA = Config.model_json_schema()["properties"]
 
 
