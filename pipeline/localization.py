@@ -86,14 +86,12 @@ def localize(
     grid, log = log.grid, log.without_short(config.laser_min_range)
     config = config.model_copy(update={"laser_max_range": log.laser.longest(config.laser_max_range)})
     # Imported here: numba takes longer to load than a short log to localize, and --help must not wait for it.
-    from pipeline.filter.grid_filter import GridFilter
-    from pipeline.filter.particle_filter import ParticleFilter
+    from pipeline.filter.told_filter import filter_of
     from pipeline.kernels.threads import use_threads
 
     clock = _Clock()
     with use_threads(threads):
-        kind = GridFilter if config.filter == "grid" else ParticleFilter
-        mcl = kind(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
+        mcl = filter_of(config)(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
         clock.lap("start")
         steps = _Columns(len(log))
         for scan in progress(log.scans()):

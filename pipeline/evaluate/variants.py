@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pipeline.config import Config, check_name
+from pipeline.config import ALIASES, Config, check_name
 from pipeline.errors import MclError
 from pipeline.evaluate.aftermath import FAULT_COLUMNS, Row
 from pipeline.evaluate.perturbed import Change
@@ -169,7 +169,7 @@ def variants(
             check_name(key.strip())
         if not sep or not key.strip() or len(parts) < 2 or not all(parts):
             raise MclError(f"--vary {text!r}: expected KEY=V1,V2, with two values or more")
-        keys.append(key.strip())
+        keys.append(ALIASES.get(key.strip(), key.strip()))
         choices.append(parts)
     found = tuple(
         Variant(values, configure([f"{key}={value}" for key, value in zip(keys, values, strict=True)]))

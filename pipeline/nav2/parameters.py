@@ -113,7 +113,7 @@ _ALL: Final = (
     Parameter("laser_min_range", -1.0, 0.0, off=-1.0, here="laser_min_range", translated=True),
     Parameter(
         "laser_model_type", "likelihood_field", choices=("beam", "likelihood_field", "likelihood_field_prob"),
-        here="laser_model_type", translated=True,
+        here="sensor_model", translated=True,
     ),
     Parameter("map_topic", "map"),
     Parameter("max_beams", 60, 2, here="max_beams"),

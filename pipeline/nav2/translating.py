@@ -42,7 +42,7 @@ def translate(given: Given) -> Translation:
     remarks: list[str] = []
     model = given.one_of("laser_model_type", MODELS)
     ours: dict[str, Any] = {here: given.get(name) for name, here in OURS.items()}
-    ours["laser_model_type"] = MODELS[model]
+    ours["sensor_model"] = MODELS[model]
     # -1 asks for the laser's own limit.
     shortest, longest = given.number("laser_min_range"), given.number("laser_max_range")
     ours["laser_min_range"] = max(0.0, shortest)

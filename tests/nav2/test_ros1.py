@@ -68,7 +68,7 @@ def test_a_launch_file_is_read_with_the_defaults_of_its_arguments(read) -> None:
     assert (config.max_beams, config.z_hit, config.sigma_hit) == (40, 0.9, 0.1)
     assert (config.min_particles, config.max_particles) == (300, 4000)
     assert (config.kld_err, config.kld_z) == (0.02, 0.99)
-    assert config.laser_model_type == "likelihood_field_prob"
+    assert config.sensor_model == "likelihood_field_prob"
     assert (config.init, config.initial_pose) == ("pose", (1.5, 0.0, 0.5))
     assert config.initial_pose_std == pytest.approx((0.2, 0.5, math.pi / 12))
     assert remarks == ["FILE: parameters of AMCL; ignored: scan_topic, use_map_topic"]
@@ -88,7 +88,7 @@ def test_yaml_of_ros_1_is_known_by_its_names(read) -> None:
     for indented in (text, "amcl:\n" + "".join(f"  {line}\n" for line in text.splitlines())):
         config, remarks = read(indented, "amcl.yaml")
         assert (config.alpha1, config.laser_max_range, config.min_particles) == (0.1, 12.0, 200)
-        assert config.laser_model_type == "likelihood_field_cubes"
+        assert config.sensor_model == "likelihood_field_cubes"
         assert remarks == []
 
 
@@ -181,5 +181,5 @@ def test_an_argument_that_grows_without_end_is_not_taken(read) -> None:
     inner = '<param name="laser_model_type" value="$(arg a60)"/>'
     text = launch(inner).replace("<launch>", f'<launch><arg name="a0" default="beam"/>{grow}')
     config, remarks = read(text)
-    assert config.laser_model_type == "likelihood_field_cubes"
+    assert config.sensor_model == "likelihood_field_cubes"
     assert any("laser_model_type is not taken" in remark for remark in remarks)
