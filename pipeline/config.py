@@ -285,12 +285,7 @@ def load_config(
     values: dict[str, Any] = {}
     theirs: Mapping[str, str] = {}
     if source is not None:
-        values |= _read(source, remark)
-        if (amcl := nav2.given_in(values, source)) is not None:
-            found = nav2.translate(amcl)
-            values, theirs = found.values, found.theirs
-            for text in found.remarks:
-                remark(text)
+        values, theirs = nav2.in_our_words(_read(source, remark), source, remark)
     typed: dict[str, Any] = {}
     for text in overrides:
         key, sep, value = text.partition("=")
@@ -362,10 +357,10 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
         text = path.read_text()
     except UnicodeDecodeError as error:
         raise MclError("not a text file", "expected YAML: parameter: value", path=path) from error
-    if nav2.is_launch(text):
-        return nav2.values_of_launch(text, path, remark)
     try:
-        values = YAML(typ="safe").load(text)
+        values = nav2.values_of_launch(text, path, remark) if nav2.is_launch(text) else YAML(typ="safe").load(text)
+    except MclError:
+        raise
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"

@@ -8,11 +8,12 @@ start, hindsight, the recording. docs/parameters.md compares the parameters one 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
-from pipeline.nav2.given import Given
+from pipeline.nav2.given import Given, given_in
 from pipeline.nav2.parameters import PARAMETERS
 
 MODELS: Final = {
@@ -35,6 +36,22 @@ class Translation:
     values: dict[str, Any]
     theirs: dict[str, str]
     remarks: tuple[str, ...]
+
+
+def in_our_words(
+    values: dict[str, Any], path: Path | str, remark: Callable[[str], object]
+) -> tuple[dict[str, Any], Mapping[str, str]]:
+    """The values of a file, translated if it is one of AMCL's, and what the file calls those with another name there.
+
+    What has no meaning here is told to ``remark``, a line each. Raises MclError as ``translate`` does.
+    """
+    given = given_in(values, path)
+    if given is None:
+        return values, {}
+    found = translate(given)
+    for text in found.remarks:
+        remark(text)
+    return found.values, found.theirs
 
 
 def translate(given: Given) -> Translation:
