@@ -22,7 +22,7 @@ from pipeline.maps.distance_field import build_distance_field
 from pipeline.nav2 import PARAMETERS
 from pipeline.tune.em import Array
 from pipeline.tune.found import Found
-from pipeline.tune.motion import ALPHAS, FEWEST, windows
+from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
 from pipeline.tune.reasons import Reason
 
 PACE = 0.25, 0.2
@@ -31,6 +31,8 @@ shorter they are: at 0.1 m on the log of Freiburg, whose wheels know no reverse.
 FREER = 3.0
 """Times the variance that was measured: AMCL has no other noise by which particles reach a pose that they missed."""
 LEAST_ALPHA, MOST_ALPHA = 0.005, 1.0
+OF_A_GAUSSIAN = 2.58
+"""Deviations beyond which lies one error in a hundred."""
 POSSIBLE = 1.0
 """m, rad: a window in which the wheels err by more is a robot that was carried."""
 SMALLEST_ERROR = 0.02
@@ -40,11 +42,16 @@ OCCUPIED = 0.65
 """From which probability on map_server, of nav2, draws a wall."""
 NEAR = 0.5
 """m: beams that end farther from all walls do not see a wall of the map."""
-NARROWER = 0.6
-"""Times the deviation that was measured: a sum of cubes is blunt, and does better if it is narrow, down to 0.05 m."""
-LEAST_SIGMA, MOST_SIGMA = 0.05, 0.2
-LEAST_HIT, MOST_HIT = 0.8, 0.95
-"""In a sum of cubes z_hit says how much all beams together count beside the 1 that every pose has."""
+LEAST_SIGMA, MOST_SIGMA = 0.08, 0.2
+LEAST_HIT, MOST_HIT = 0.8, 0.9
+"""In a sum of cubes z_hit says how much all beams together count beside the 1 that every pose has: how sure AMCL is."""
+WILD = 2.0
+"""The wheels are so if one window in a hundred errs so many times more than their alphas say: 6 at Freiburg, whose
+wheels know no reverse, and at most 1.7 on seven other logs. AMCL is lost for good there if it is sure."""
+WILD_SIGMA, WILD_HIT = 0.1, 0.6
+"""The sigma_hit, at least, and the z_hit for such wheels."""
+HEADING_FLOOR, WAY_FLOOR = 0.01, 0.02
+"""rad, m: an error of so much is none of the wheels'."""
 SCANS = 500
 """Of one log, spread over it."""
 REACH = 2.0
@@ -61,7 +68,18 @@ class AmclFit:
 
 def fit_amcl(found: Sequence[Found], config: Config) -> AmclFit:
     """What nav2's AMCL should be given for the robot and the building of these logs."""
-    reasons = [*_of_wheels(found, config), *_of_the_field(found)]
+    d, a = PACE
+    rows = [
+        windows(f.log.odometry, f.trajectory, amcl_updates(f.log.odometry, f.scans, d, a), config)
+        for f in found
+        if f.way.wheels
+    ]
+    driven = np.concatenate([np.empty((0, 4)), *rows])
+    told = len(driven) >= FEWEST
+    reasons = [
+        *_of_wheels(driven if told else driven[:0]),
+        *_of_the_field(found, surprise(driven, config) if told else 0.0),
+    ]
     values = {reason.name: reason.value for reason in reasons}
     return AmclFit({name: values[name] for name in PARAMETERS if name in values}, tuple(reasons))
 
@@ -128,18 +146,27 @@ def _moment(errors: Array, regressors: Array) -> tuple[float, float]:
     return float(solution[0]), float(solution[1])
 
 
-def _of_wheels(found: Sequence[Found], config: Config) -> list[Reason]:
+def surprise(rows: Array, config: Config) -> float:
+    """How many times more the wheels err in the worst window of a hundred than Gaussian noise of their alphas would.
+
+    ``rows`` (w, 4): as ``motion.windows`` has them. The alphas are those that leave outliers out.
+    """
+    fitted = fit_motion([rows], config)
+    heading, along, turned, driven = rows.T
+    expected = (
+        np.sqrt(np.maximum(fitted.alpha1 * turned + 2.0 * fitted.alpha2 * driven, HEADING_FLOOR**2)),
+        np.sqrt(np.maximum(fitted.alpha3 * driven + fitted.alpha4 * turned, WAY_FLOOR**2)),
+    )
+    worst = [float(np.quantile(np.abs(e) / s, 0.99)) for e, s in zip((heading, along), expected, strict=True)]
+    return max(worst) / OF_A_GAUSSIAN
+
+
+def _of_wheels(windowed: Array) -> list[Reason]:
     d, a = PACE
-    rows = [
-        windows(f.log.odometry, f.trajectory, amcl_updates(f.log.odometry, f.scans, d, a), config)
-        for f in found
-        if f.way.wheels
-    ]
-    windowed = np.concatenate([np.empty((0, 4)), *rows])
     pace = f"at an update every {d:g} m or {a:g} rad"
     why = "the alphas are learned for updates so far apart, and mean something else at others"
     out = [Reason("update_min_d", d, why, {}), Reason("update_min_a", a, why, {})]
-    if len(windowed) < FEWEST:
+    if not len(windowed):
         return out  # the file's own alphas stay, or AMCL's default
     fitted = dict(zip(ALPHAS, moments(windowed), strict=True))
     heading, way = (float(np.sqrt(np.mean(np.square(windowed[:, k])))) for k in (0, 1))
@@ -155,28 +182,34 @@ def _of_wheels(found: Sequence[Found], config: Config) -> list[Reason]:
     return out
 
 
-def _of_the_field(found: Sequence[Found]) -> list[Reason]:
+def _of_the_field(found: Sequence[Found], surprised: float) -> list[Reason]:
     distances = np.concatenate([ends(f) for f in found])
     n = len(distances)
     near = distances[distances < NEAR]
     deviation = float(np.sqrt(np.mean(np.square(near)))) if len(near) else LEAST_SIGMA
-    sigma = _digits(min(max(NARROWER * deviation, LEAST_SIGMA), MOST_SIGMA))
+    wild = surprised > WILD
+    least = WILD_SIGMA if wild else LEAST_SIGMA
+    sigma = _digits(min(max(deviation, least), MOST_SIGMA))
     hit = len(near) / max(n, 1)
-    z_hit = round(min(max(hit, LEAST_HIT), MOST_HIT), 3)
+    z_hit = WILD_HIT if wild else round(min(max(hit, LEAST_HIT), MOST_HIT), 3)
     z_rand = round(1.0 - z_hit, 3)
     of = f"of {n:,} beams at {sum(len(f.every(SCANS)) for f in found):,} scans"
     return [
         Reason("laser_model_type", "likelihood_field", "of AMCL's models it loses the robot least often", {}),
         Reason(
             "sigma_hit", sigma,
-            f"{len(near):,} {of} end within {NEAR:g} m of a wall, {deviation:.3f} m from it (RMS); times "
-            f"{NARROWER:g}, since AMCL's sum of cubes is blunt, and between {LEAST_SIGMA:g} and {MOST_SIGMA:g}",
+            f"{len(near):,} {of} end within {NEAR:g} m of a wall, {deviation:.3f} m from it (RMS); between "
+            f"{least:g} and {MOST_SIGMA:g}",
             {"beams": len(near), "deviation": deviation},
         ),
         Reason(
             "z_hit", z_hit,
-            f"{100 * hit:.1f} % {of} end within {NEAR:g} m of a wall; between {LEAST_HIT:g} and {MOST_HIT:g}",
-            {"beams": n, "share": hit},
+            f"{100 * hit:.1f} % {of} end within {NEAR:g} m of a wall; "
+            + (
+                f"the wheels err up to {surprised:.1f} times more than their noise says: AMCL must not be too sure"
+                if wild else f"between {LEAST_HIT:g} and {MOST_HIT:g}"
+            ),
+            {"beams": n, "share": hit, "surprise": surprised},
         ),
         Reason("z_rand", z_rand, "the rest: AMCL normalises nothing, and its field has these two parts only", {}),
         Reason("laser_likelihood_max_dist", REACH, "farther from a wall than this, all ends count alike", {}),

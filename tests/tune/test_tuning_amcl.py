@@ -20,7 +20,7 @@ from pipeline.config import Config, load_config
 from pipeline.localization import localize
 from pipeline.logs.messages import Log
 from pipeline.tune import Tuning, tune
-from pipeline.tune.amcl import FREER, amcl_updates, moments
+from pipeline.tune.amcl import FREER, WILD, amcl_updates, moments, surprise
 from pipeline.tune.learning import PARAMETERS
 
 ROBOT = Path(__file__).parents[1] / "nav2" / "robot.yaml"
@@ -150,6 +150,18 @@ def test_alphas_have_the_size_of_the_errors() -> None:
     assert found[3] == pytest.approx(0.03, rel=0.3)
     slipping = np.where(rng.random(n) < 0.1, 0.8, along)
     assert moments(np.column_stack([heading, slipping, turned, driven]))[2] > 0.3
+
+
+def test_wheels_that_do_what_no_model_expects_are_told_from_noisy_ones() -> None:
+    rng = np.random.default_rng(1)
+    n = 2000
+    turned, driven = rng.uniform(0, 0.6, n), rng.uniform(0.1, 0.3, n)
+    for noise in (0.002, 0.05):
+        heading = rng.normal(0, np.sqrt(noise * turned))
+        along = rng.normal(0, np.sqrt(noise * driven))
+        assert surprise(np.column_stack([heading, along, turned, driven]), Config()) < 1.5
+    backwards = np.where(rng.random(n) < 0.03, 0.9, along)  # told as forwards
+    assert surprise(np.column_stack([heading, backwards, turned, driven]), Config()) > WILD
 
 
 def test_every_value_has_its_reason(learned: Tuning) -> None:
