@@ -40,23 +40,17 @@ def findings_of_log(file: Checked, log: Log, config: Config, *, seed: int = 0) -
 
 def _names(file: Checked, log: Log) -> Iterator[Finding]:
     """Frames and topic, where the log still has the names that the robot uses."""
-    told = log.metadata.get(schema.READER, {})
-    if not log.metadata.get(schema.SOURCE) or log.metadata[schema.SOURCE].get("scan_topic"):
-        told = {**told, **{k: v for k, v in log.metadata.get(schema.SOURCE, {}).items() if k in told}}
-    else:
-        return  # a raw log, whose names are ours
+    source = log.metadata.get(schema.SOURCE, {})
+    if source and "scan_topic" not in source:
+        return  # a raw log, or a simulated one, whose names are ours
+    told = {**log.metadata.get(schema.READER, {}), **source}
     odom, base = [*told.get("frames", "").split(" -> "), "", ""][:2]
     wanted = (("scan_topic", told.get("scan_topic", "")), ("odom_frame_id", odom), ("base_frame_id", base))
     for name, seen in wanted:
         said = str(file.given.get(name)).lstrip("/")
         if seen and said != seen.lstrip("/"):
-            sure = name != "base_frame_id"  # a base has several frames, of which the log's reader took one
-            yield file.finding(
-                "doubtful" if sure else "noted", name,
-                f"{file.given.name(name)} is {said!r}; this log has {seen.lstrip('/')!r}.",
-                f"Write {seen.lstrip('/')}, unless the robot has both." if sure else
-                "Nothing, if the robot has both frames, one above the other.",
-            )  # fmt: skip
+            text = f"{file.given.name(name)} is {said!r}; this log has {seen.lstrip('/')!r}."
+            yield file.finding("doubtful", name, text, f"Write {seen.lstrip('/')}, unless the robot has both.")
 
 
 def _limits(file: Checked, log: Log, config: Config) -> Iterator[Finding]:

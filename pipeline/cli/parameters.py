@@ -109,7 +109,10 @@ def config(
     map_path: MapOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show every parameter, its effective value and what it means; with --check, look at a file of AMCL's."""
+    """Show every parameter, its effective value and what it means.
+
+    With --check it looks at a parameter file of AMCL instead, of nav2 or ROS 1.
+    """
     if check:
         from pipeline.cli.checking import check_parameters
 

@@ -237,7 +237,7 @@ def test_without_a_map_ranges_and_names_are_compared(office: Log, tmp_path: Path
     log = dataclasses.replace(office, grid=None, metadata=metadata)
     found = beside(log, tmp_path, {"scan_topic": "scan", "odom_frame_id": "odom", "laser_max_range": 1.5}, Config())
     assert found.keys() == {"scan_topic", "base_frame_id", "laser_max_range", "map"}
-    assert (found["scan_topic"].grade, found["base_frame_id"].grade) == ("doubtful", "noted")
+    assert (found["scan_topic"].grade, found["base_frame_id"].grade) == ("doubtful", "doubtful")
     assert "this log has 'front/scan'" in found["scan_topic"].text
 
 
