@@ -22,9 +22,12 @@ from pipeline.nav2 import (
     is_launch,
     layout_of,
     lines_of,
+    load,
     values_of_launch,
 )
 
+LARGEST: Final = 1e300
+"""What is larger, or no number, is not meant."""
 ABOUT_ONE: Final = 0.15
 """nav2's own defaults add up to 1.1 for the beam model."""
 FAR: Final = 1.0
@@ -72,9 +75,7 @@ def checked(path: Path) -> tuple[Checked, list[Finding]]:
                 has = ", ".join(layout.blocks)
                 raise MclError(f"no parameters of 'amcl' in this ROS file: it has {has}", path=path)
         else:
-            from ruamel.yaml import YAML
-
-            found = given_in(YAML(typ="safe", pure=True).load(text), path)
+            found = given_in(load(text, path), path)
             if found is None:
                 raise MclError("no parameters of AMCL in this file", "expected nav2's, or those of ROS 1", path=path)
             given, lines = found, {}
@@ -266,7 +267,9 @@ def _is_meant(kind: str, value: Any) -> bool:
     """Whether it is plain what was meant: a number of the other kind."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return False
-    return kind == "double" or (kind == "integer" and math.isfinite(value) and value == int(value))
+    if not abs(value) <= LARGEST:
+        return False
+    return kind == "double" or (kind == "integer" and value == int(value))
 
 
 def _a(kind: str) -> str:

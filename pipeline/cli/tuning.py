@@ -51,7 +51,7 @@ def tune(
         typer.Option(
             "--nav2",
             metavar="NAV2_PARAMS.yaml",
-            help="Write this file of nav2's with AMCL's parameters as they were learned.",
+            help="Take this file of nav2's, and write it to the output with AMCL's parameters as they were learned.",
         ),
     ] = None,
     plot: Annotated[

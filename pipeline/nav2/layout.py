@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -73,14 +74,9 @@ class Layout:
 def layout_of(text: str, path: Path | str) -> Layout:
     """Raises MclError, with the line, for what is no single YAML document with a mapping."""
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
-    try:
+    with _told(path):
         events = list(YAML(typ="safe", pure=True).parse(text))
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "not YAML"
-        raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
     kinds = [type(event).__name__ for event in events]
     if kinds.count("DocumentStartEvent") > 1:
         raise MclError("several documents in one file", "nav2 reads one: leave one of them", path=path)
@@ -90,6 +86,28 @@ def layout_of(text: str, path: Path | str) -> Layout:
     reader.mapping([], None)
     aliases = frozenset(str(event.anchor) for event in events if type(event).__name__ == "AliasEvent")
     return Layout(text, path, reader.blocks, reader.last, aliases, bool(events[2].flow_style))
+
+
+def load(text: str, path: Path | str) -> Any:
+    """What YAML makes of the text. Raises MclError, with the line where there is one, for what is none."""
+    from ruamel.yaml import YAML
+
+    with _told(path):
+        return YAML(typ="safe", pure=True).load(text)
+
+
+@contextmanager
+def _told(path: Path | str) -> Iterator[None]:
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        yield
+    except YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or "not YAML"
+        raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
+    except Exception as error:  # numbers, dates and keys that Python cannot hold
+        raise MclError(f"not YAML: {error}", path=path) from error
 
 
 class _Reader:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from pipeline.errors import MclError
 from pipeline.nav2.given import is_amcl, nodes_in
-from pipeline.nav2.layout import Block, Layout, layout_of
+from pipeline.nav2.layout import Block, Layout, layout_of, load
 from pipeline.nav2.parameters import PARAMETERS
 
 Values = Mapping[str, Any]
@@ -96,13 +95,5 @@ def _check(before: str, after: str, values: Values, path: Path | str) -> None:
 
 def _read(text: str, path: Path | str) -> dict[str, dict[str, str]]:
     """Every value of every node, in Python's words, in which 12 is not 12.0 and a NaN is itself."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    try:
-        values = YAML(typ="safe", pure=True).load(StringIO(text))
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        said = getattr(error, "problem", None) or "not YAML"
-        raise MclError(str(said), path=path, line=mark.line + 1 if mark else None) from error
+    values = load(text, path)
     return {node: {name: repr(value) for name, value in below.items()} for node, below in nodes_in(values or {})}
