@@ -93,7 +93,7 @@ _ALL: Final = (
     Parameter("alpha2", 0.2, 0.0, here="alpha2"),
     Parameter("alpha3", 0.2, 0.0, here="alpha3"),
     Parameter("alpha4", 0.2, 0.0, here="alpha4"),
-    Parameter("alpha5", 0.2, 0.0),
+    Parameter("alpha5", 0.2, 0.0, here="alpha5"),
     Parameter("always_reset_initial_pose", False),
     Parameter("base_frame_id", "base_footprint"),
     Parameter("beam_skip_distance", 0.5, 0.0, here="beam_skip_distance"),
@@ -127,7 +127,7 @@ _ALL: Final = (
     Parameter("recovery_alpha_slow", 0.0, 0.0, 1.0, here="recovery_alpha_slow"),
     Parameter("resample_interval", 1, 1, here="resample_interval", translated=True),
     Parameter(
-        "robot_model_type", "nav2_amcl::DifferentialMotionModel", translated=True,
+        "robot_model_type", "nav2_amcl::DifferentialMotionModel", here="motion_model", translated=True,
         choices=("nav2_amcl::DifferentialMotionModel", "nav2_amcl::OmniMotionModel", "differential", "omnidirectional"),
     ),
     Parameter("save_pose_rate", 0.5, 0.0, above=True, off=-1.0),

@@ -21,7 +21,12 @@ MODELS: Final = {
     "likelihood_field": "likelihood_field_cubes",
     "likelihood_field_prob": "likelihood_field_prob",
 }
-DIFFERENTIAL: Final = ("differential", "nav2_amcl::DifferentialMotionModel")
+DRIVES: Final = {
+    "nav2_amcl::DifferentialMotionModel": "odometry",
+    "nav2_amcl::OmniMotionModel": "omnidirectional",
+    "differential": "odometry",
+    "omnidirectional": "omnidirectional",
+}
 OURS: Final[Mapping[str, str]] = {p.name: p.here for p in PARAMETERS.values() if p.here and not p.translated}
 """AMCL's name -> ours, where the value is the same."""
 
@@ -81,8 +86,10 @@ def translate(given: Given) -> Translation:
     ours["resample_ess"] = 1.0
     ours["resample_interval"] = max(1, round(given.number("resample_interval")))
     _set_start(ours, given)
-    if (drive := str(given.get("robot_model_type"))) not in DIFFERENTIAL:
-        said = f"{given.name('robot_model_type')} {drive}: the odometry model is the differential one here"
+    drive = str(given.get("robot_model_type"))
+    ours["motion_model"] = DRIVES.get(drive, "odometry")
+    if drive not in DRIVES:
+        said = f"{given.name('robot_model_type')} {drive} is unknown: the differential model is taken"
         remarks.append(f"{given.path}: {said}")
     theirs = {here: given.name(name) for name, here in OURS.items() if given.name(name) != here}
     return Translation({**ours, **given.own}, theirs, (*given.ignored(), *given.remarks, *remarks))

@@ -64,7 +64,7 @@ smoother_server:
     simple_smoother:
       tolerance: 1.0e-10
 """
-IGNORED = "use_sim_time, alpha5, base_frame_id, global_frame_id, odom_frame_id, save_pose_rate, tf_broadcast, "
+IGNORED = "use_sim_time, base_frame_id, global_frame_id, odom_frame_id, save_pose_rate, tf_broadcast, "
 IGNORED += "transform_tolerance, scan_topic"
 
 
@@ -187,10 +187,22 @@ def test_resampling_at_every_other_update(read) -> None:
     assert not any("resample_interval" in remark for remark in remarks)
 
 
-def test_a_robot_that_drives_sideways_is_remarked_on(read) -> None:
-    assert read(amcl(robot_model_type="differential"))[1] == []
-    (remark,) = read(amcl(robot_model_type="nav2_amcl::OmniMotionModel"))[1]
-    assert "OmniMotionModel" in remark
+@pytest.mark.parametrize("name", ["differential", "nav2_amcl::DifferentialMotionModel"])
+def test_a_robot_that_drives_as_most_do_has_our_odometry_model(read, name: str) -> None:
+    config, remarks = read(amcl(robot_model_type=name))
+    assert (config.motion_model, remarks) == ("odometry", [])
+
+
+@pytest.mark.parametrize("name", ["omnidirectional", "nav2_amcl::OmniMotionModel"])
+def test_a_robot_that_drives_sideways_has_its_own_model(read, name: str) -> None:
+    config, remarks = read(amcl(robot_model_type=name, alpha5=0.07))
+    assert (config.motion_model, config.alpha5, remarks) == ("omnidirectional", 0.07, [])
+
+
+def test_an_unknown_drive_is_remarked_on(read) -> None:
+    config, (remark,) = read(amcl(robot_model_type="mine::Walks"))
+    assert config.motion_model == "odometry"
+    assert "mine::Walks is unknown" in remark
 
 
 def test_fewer_particles_at_most_than_at_least_are_made_as_many(read) -> None:

@@ -113,10 +113,9 @@ def test_the_old_model_means_the_same_step(read) -> None:
     assert any("diff-corrected" in remark for remark in remarks)
 
 
-def test_a_robot_that_drives_sideways_is_remarked_on(read) -> None:
-    _, (remark,) = read("odom_model_type: omni-corrected\n", "a.yaml")
-    assert "odom_model_type" in remark
-    assert "OmniMotionModel" in remark
+def test_a_robot_that_drives_sideways_has_its_own_model(read) -> None:
+    config, remarks = read("odom_model_type: omni-corrected\nodom_alpha5: 0.03\n", "a.yaml")
+    assert (config.motion_model, config.alpha5, remarks) == ("omnidirectional", 0.03, [])
 
 
 def test_the_xml_of_ros_2_has_nav2s_names(read) -> None:
