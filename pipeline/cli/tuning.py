@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -100,8 +101,12 @@ def tune(
         with replacing(record) as partial:
             _record(learned, tuning.preset(learned), partial)
     if output is not None:
-        with replacing(output) as partial:
+        # A user's own file stays where a link leads to, and whose it is to read.
+        place = output.resolve() if base is not None and base.text is not None else output
+        with replacing(place) as partial:
             partial.write_bytes(text.encode())
+            if place.exists():
+                shutil.copymode(place, partial)
     if as_json:
         console.emit_json(learned.to_dict())
         return

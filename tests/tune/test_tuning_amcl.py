@@ -74,6 +74,18 @@ def test_a_file_of_nav2s_is_changed_in_place_and_nowhere_else(learned: Tuning, t
     assert list(findings_of_file(checked(file)[0])) == []
 
 
+def test_a_link_stays_a_link_and_a_file_its_readers(type_tune, tmp_path: Path) -> None:
+    file, link = tmp_path / "src.yaml", tmp_path / "install.yaml"
+    file.write_text(ROBOT.read_text())
+    file.chmod(0o640)
+    link.symlink_to(file)
+    done, _ = type_tune("-o", link)
+    assert done.exit_code == 0, done.output
+    assert link.is_symlink()
+    assert file.stat().st_mode & 0o777 == 0o640
+    assert given(file) != given(ROBOT)
+
+
 def test_a_base_stays_as_it_is(learned: Tuning, type_tune, tmp_path: Path) -> None:
     file, new = tmp_path / "robot.yaml", tmp_path / "tuned.yaml"
     file.write_text(ROBOT.read_text())
