@@ -55,9 +55,10 @@ class Lesson:
             names = textwrap.fill(names, 96, initial_indent="    ", subsequent_indent="    ")
             signature = f"def {self.function}(\n{names}\n):"
         task = textwrap.fill(self.task, 100, break_on_hyphens=False)
+        check = f"mcl lesson {self.name} --check {Path(path).as_posix()}"
         return (
             f'"""Lesson {self.name}: {self.title}.\n\n{self.source}.\n\n{task}\n\n'
-            f"Write the function below, and check it with\n\n    mcl lesson {self.name} --check {Path(path).as_posix()}\n"
+            f"Write the function below, and check it with\n\n    {check}\n"
             f'"""\n\nimport numpy as np\n\n\n{signature}\n'
             f"{textwrap.indent(self._docstring(), '    ')}\n"
             f'    raise NotImplementedError("{self.function} is yours to write")\n'
