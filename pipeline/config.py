@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -29,6 +29,10 @@ class Config(BaseModel):
     """The effective configuration of a run. Lengths in metres, angles in radians, densities per metre."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    if TYPE_CHECKING:  # checkers that do not know pydantic would miss the defaults below
+
+        def __init__(self, **values: Any) -> None: ...
 
     # --- where the belief starts -------------------------------------------------------------------
     init: Literal["exhaustive", "free_space", "map", "pose"] = Field(

@@ -105,7 +105,7 @@ def without_clock(evaluation) -> dict:
     plain = evaluation.to_dict()
     for log in plain["logs"].values():
         for each in (log, *log["seeds"]):
-            del each["speed"]
+            del each["speed"], each["wall"]
     return plain
 
 
