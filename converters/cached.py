@@ -18,7 +18,6 @@ from pipeline.logs.mcap_file import A_RUN, MAGIC, RRD_MAGIC
 from pipeline.logs.messages import Log
 from pipeline.logs.recorded import Names
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.maps.range_table import UNUSED, cache_dir
 
 _SUFFIXES = (".gz", ".bz2", ".log", ".clf", ".bag", ".active", ".db3", ".mcap", ".zstd", ".txt")
 
@@ -78,6 +77,8 @@ def converted(path: Path, names: Names | None = None) -> Converted | None:
             raise MclError(*A_RUN, path=path)
         if head.startswith(MAGIC):
             return None
+    from pipeline.maps.range_table import cache_dir  # here: numba, behind it, loads slowly
+
     kind = converters.format_of(path)
     content = _content(path)
     key = hashlib.sha256(f"{content} {names!r} {_version()}".encode()).hexdigest()
@@ -114,6 +115,8 @@ def _whole(mcap: Path) -> bool:
 
 
 def _make_room(folder: Path) -> None:
+    from pipeline.maps.range_table import UNUSED
+
     for old in folder.glob("*.mcap"):
         if time.time() - old.stat().st_mtime > UNUSED:
             old.unlink()

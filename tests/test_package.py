@@ -41,10 +41,10 @@ def test_every_name_is_there_and_calls_what_it_says(name: str) -> None:
 
 def test_submodules_imported_before_do_not_take_a_names_place() -> None:
     run("""
-import pipeline.localization, pipeline.config, pipeline.logs.reader, pipeline.replay, pipeline.cli, converters
+import pipeline.localization, pipeline.config, pipeline.logs.reader, pipeline.replay, pipeline.cli, converters.cached
 from pipeline import Config, load_map, localize, read_log
 assert localize is pipeline.localization.localize
-assert read_log is pipeline.logs.reader.read_log
+assert read_log is converters.cached.read_log
 assert Config is pipeline.config.Config
 assert load_map is converters.read_map
 """)
