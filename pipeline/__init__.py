@@ -35,6 +35,7 @@ _HOMES = {
     "Step": ("pipeline.filter.step", "Step"),
     "Trajectory": ("pipeline.logs.messages", "Trajectory"),
     "Verdict": ("pipeline.judgement.verdict", "Verdict"),
+    "Wishes": ("pipeline.export.files", "Wishes"),
     "compare_configs": ("pipeline.evaluate.programs", "compare_configs"),
     "compare_runs": ("pipeline.compare", "compare"),
     "draw_belief": ("pipeline.drawing", "draw_belief"),

@@ -11,6 +11,7 @@ from pipeline.evaluate import plot as plot_evaluation
 from pipeline.evaluate.judged import run_errors, score_run
 from pipeline.evaluate.metrics import Score
 from pipeline.evaluate.programs import compare_configs, evaluate_logs
+from pipeline.export.files import Wishes
 from pipeline.export.files import export as export_run
 from pipeline.export.run import Run, read_run
 from pipeline.filter.step import Beams, Estimate, Event, Step
@@ -47,6 +48,7 @@ __all__ = [
     "Step",
     "Trajectory",
     "Verdict",
+    "Wishes",
     "compare_configs",
     "compare_runs",
     "draw_belief",

@@ -75,7 +75,7 @@ def recorded(log: mcl.Log) -> None:
     replay: mcl.Replay = mcl.record_run(log, output="run", seed=1)
     run: mcl.Run = mcl.read_run(replay.folder.path)
     poses: NDArray[np.float64] = run.told.poses
-    mcl.export_run(run, "run.png")
+    mcl.export_run(run, "run.png", mcl.Wishes(at=[12.5]))
     both: mcl.RunComparison = mcl.compare_runs(run, run)
     print(poses[-1], both.common, both.config)
 
