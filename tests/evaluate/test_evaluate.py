@@ -215,11 +215,6 @@ def test_progress_sees_every_run():
 # --- what goes wrong
 
 
-def test_a_log_without_truth_needs_a_reference():
-    with pytest.raises(MclError, match=r"ring\.mcap: the log has no ground truth.*--reference"):
-        evaluate([make_log(ground_truth=None)], [None], Config(), runs=1, jobs=1, runner=stub)
-
-
 def test_a_reference_of_another_time_is_one_clear_line():
     other = Trajectory(np.array([0, SECOND], dtype=np.int64), np.zeros((2, 3)))
     with pytest.raises(MclError, match=r"does not overlap the log in time: it covers 0\.000 to 1\.000 s") as caught:
