@@ -15,6 +15,7 @@ from converters.text import read_head
 from pipeline.errors import MclError
 from pipeline.logs.faults import Fault
 from pipeline.logs.recorded import Names
+from pipeline.parts.sinks import installed_readers
 
 __all__ = ["ConversionReport", "convert", "convert_map", "read_map"]
 
@@ -26,7 +27,16 @@ def formats() -> list[ModuleType]:
     """
     from converters import bag, carmen, cmu
 
-    return [cmu, carmen, bag]
+    return [*_registered, cmu, carmen, bag, *installed_readers()]
+
+
+_registered: list[ModuleType] = []
+
+
+def register(reader: ModuleType) -> None:
+    """From now on this module is asked first whether it knows a raw log; it has what ``formats`` says."""
+    if reader not in _registered:
+        _registered.insert(0, reader)
 
 
 def convert(

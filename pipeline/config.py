@@ -11,10 +11,14 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_serializer, model_validator
 
 from pipeline import nav2_params
 from pipeline.errors import MclError
+from pipeline.parts.loading import Part, load
+from pipeline.parts.loading import check_name as check_part
+from pipeline.parts.own import Own
+from pipeline.parts.roles import ROLES
 
 PRESETS = Path(__file__).parent / "presets"
 
@@ -23,6 +27,11 @@ LARGEST = 1e6
 NonNegative = Annotated[float, Field(ge=0.0)]
 Positive = Annotated[float, Field(gt=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+def _part(role: str, default: str, description: str) -> Any:
+    """A parameter that names a part: a built-in one, or one of the user's own."""
+    return Field(default, description=description, json_schema_extra={"enum": list(ROLES[role].built_in)})
 
 
 class Config(BaseModel):
@@ -35,9 +44,10 @@ class Config(BaseModel):
         def __init__(self, **values: Any) -> None: ...
 
     # --- where the belief starts -------------------------------------------------------------------
-    init: Literal["exhaustive", "free_space", "map", "pose"] = Field(
+    init: str = _part(
+        "init",
         "exhaustive",
-        description="Start by scoring every pose, over the free cells, over the whole map, or around initial_pose.",
+        "Start by scoring every pose, over the free cells, over the whole map, or around initial_pose.",
     )
     initial_pose: tuple[float, float, float] | None = Field(
         None, description="x, y (m), yaw (rad) in the map frame, for init=pose."
@@ -47,9 +57,11 @@ class Config(BaseModel):
     )
 
     # --- what the belief is made of ------------------------------------------------------------------
-    filter: Literal["mcl", "grid"] = Field(
+    filter: str = _part(
+        "filter",
         "mcl",
-        description="Monte Carlo localization (Table 8.2), or grid localization (Table 8.1), which is slow.",
+        "Monte Carlo localization (Table 8.2); grid localization (Table 8.1), which is slow; or an extended Kalman "
+        "filter that matches walls (Table 7.2), which needs init=pose.",
     )
     grid_d: float = Field(0.1, ge=0.02, le=2.0, description="filter=grid: edge of a cell, m.")
     grid_a: float = Field(
@@ -60,8 +72,7 @@ class Config(BaseModel):
     max_particles: int = Field(30_000, ge=1, le=20_000_000, description="Particles at the start, and never more.")
     min_particles: int = Field(1_000, ge=1, description="Never fewer than these, nor more than max_particles.")
     adaptive: Literal["kld", "duplicates", "none"] = Field(
-        "kld",
-        description="Their number: by KLD-sampling (Table 8.4), by the report's proposal, or max_particles always.",
+        "kld", description="Their number: by KLD-sampling (Table 8.4), the report's proposal, or always max_particles."
     )
     kld_err: Positive = Field(0.05, description="Largest error allowed between the belief and the particles (KLD).")
     kld_z: Positive = Field(2.33, description="Quantile of the standard normal for that error: 2.33 is 99 %.")
@@ -89,11 +100,20 @@ class Config(BaseModel):
         "beams put right in time, land that the map does not know, and the memory of what the log has shown.",
     )
 
-    # --- motion model of the wheels (Table 5.6) ----------------------------------------------------------
+    # --- motion model of the wheels ----------------------------------------------------------------------
+    motion_model: str = _part(
+        "motion_model",
+        "odometry",
+        "How far a step may be from what the wheels say: Table 5.6, or AMCL's model of a robot that drives in any "
+        "direction.",
+    )
     alpha1: NonNegative = Field(0.02, description="Variance of rotation from rotation, rad^2/rad^2.")
     alpha2: NonNegative = Field(0.02, description="Variance of rotation from translation, rad^2/m^2.")
     alpha3: NonNegative = Field(0.02, description="Variance of translation from translation, m^2/m^2.")
     alpha4: NonNegative = Field(0.002, description="Variance of translation from rotation, m^2/rad^2.")
+    alpha5: NonNegative = Field(
+        0.02, description="motion_model=omnidirectional: variance of sideways drift from translation, m^2/m^2."
+    )
 
     # --- which beams are used ----------------------------------------------------------------------------
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
@@ -115,10 +135,11 @@ class Config(BaseModel):
     )
 
     # --- which sensor model ----------------------------------------------------------------------------------
-    laser_model_type: Literal["beam", "likelihood_field", "likelihood_field_prob", "likelihood_field_cubes"] = Field(
+    sensor_model: str = _part(
+        "sensor_model",
         "beam",
-        description="Table 6.1; Table 6.3; AMCL's likelihood_field_prob; its likelihood_field, a sum of cubes. "
-        "Searches of the building use the beam model in any case.",
+        "Table 6.1; Table 6.3; AMCL's likelihood_field_prob; its likelihood_field, a sum of cubes. "
+        "Searches of the building use a beam model in any case.",
     )
     laser_likelihood_max_dist: Positive = Field(
         2.0, description="Likelihood fields: no beam ends farther than this from an obstacle, m."
@@ -158,9 +179,7 @@ class Config(BaseModel):
     )
 
     # --- resampling ---------------------------------------------------------------------------------------------
-    resampler: Literal["low_variance", "multinomial"] = Field(
-        "low_variance", description="Table 4.4, or independent draws."
-    )
+    resampler: str = _part("resampler", "low_variance", "Table 4.4, or independent draws.")
     resample_ess: Fraction = Field(0.5, description="Resample when the effective sample size falls below this share.")
     resample_interval: int = Field(1, ge=1, description="Ask whether to resample at every n-th update only.")
     update_min_d: NonNegative = Field(0.01, description="The robot stands still below this travel, m: no update then.")
@@ -181,6 +200,55 @@ class Config(BaseModel):
     record_particles: int = Field(
         2000, ge=0, description="At most so many particles are recorded per scan, drawn fairly."
     )
+
+    # --- parts of the user's own ------------------------------------------------------------------------------------
+    own: dict[str, bool | int | float | str] = Field(
+        {}, description="Parameters of parts of your own, each by a name like `sensor_model.sharpness`."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_their_names(cls, values: Any) -> Any:
+        """AMCL's name of the sensor model is read as well; parameters of own parts have a dot in their names."""
+        if not isinstance(values, Mapping):
+            return values
+        named = {ALIASES.get(key, key): value for key, value in values.items()}
+        own = {key: named.pop(key) for key in list(named) if key.partition(".")[0] in ROLES and "." in key}
+        return named | ({"own": {**named.get("own", {}), **own}} if own else {})
+
+    @field_validator(*ROLES)
+    @classmethod
+    def _known(cls, name: str, info: Any) -> str:
+        return check_part(ROLES[info.field_name], name)
+
+    @model_serializer(mode="wrap")
+    def _flat(self, handler: Any) -> dict[str, Any]:
+        """Parameters of own parts stand behind the part that they belong to."""
+        values = handler(self)
+        own, out = values.pop("own", {}), dict[str, Any]()
+        for key, value in values.items():
+            out |= {key: value} | {name: v for name, v in own.items() if name.partition(".")[0] == key}
+        return out
+
+    def written(self, role: str) -> tuple[Part, dict[str, Any]] | None:
+        """The part of a user's own that fills a role, as it is written, with its parameters; None if it is built in.
+
+        Raises MclError if it cannot be loaded, or a parameter is wrong.
+        """
+        name: str = getattr(self, role)
+        if name in ROLES[role].built_in:
+            return None
+        part = load(ROLES[role], name)
+        return part, part.settled({key.partition(".")[2]: self.own[key] for key in self.own_of(role)})
+
+    def own_of(self, role: str) -> list[str]:
+        """Names of the own parameters that are given of a role's part."""
+        return [key for key in self.own if key.partition(".")[0] == role]
+
+    def own_part(self, role: str, **offered: Any) -> Own | None:
+        """The part of a user's own that fills a role, ready to be called; None if it is a built-in one."""
+        found = self.written(role)
+        return None if found is None else Own(*found, config=self, **offered)
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:
@@ -239,9 +307,11 @@ def load_config(
             del given[key]
             remark(f"{where}: the parameter {key!r} is gone, and not read: {RETIRED[key]}")
     # What is wrong is blamed on the file only if it stands there, and nothing typed takes its place.
-    return _validate(values | typed, {key: source for key in values if key not in typed}, theirs)
+    return _with_own_parts(_validate(values | typed, {key: source for key in values if key not in typed}, theirs))
 
 
+ALIASES: Mapping[str, str] = {"laser_model_type": "sensor_model"}
+"""Other names of parameters that are read as well: AMCL's, which was ours."""
 RETIRED: Mapping[str, str] = {
     "slip": "the laser sees through wheels that slip (odometry=both), and wheels alone are taken at their word",
 }
@@ -252,10 +322,24 @@ def check_name(key: str, source: str | Path | None = None) -> None:
     """Raises MclError, naming the nearest one, if there is no parameter of that name; ``source``: where it stands."""
     if key in RETIRED:
         raise MclError(f"the parameter {key!r} is gone", RETIRED[key], path=source)
-    if key not in Config.model_fields:
+    if key.partition(".")[0] in ROLES:
+        return  # of an own part, which is asked itself
+    if key not in Config.model_fields and key not in ALIASES:
         ours = nav2_params.RENAMED.get(key, (key,))[0]
         near = difflib.get_close_matches(ours, Config.model_fields, n=1)
         raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+
+
+def _with_own_parts(config: Config) -> Config:
+    """The same with all parameters of the user's own parts, those with their defaults included."""
+    own = dict[str, Any]()
+    for role in ROLES:
+        if found := config.written(role):
+            own |= {f"{role}.{key}": value for key, value in found[1].items()}
+        elif given := config.own_of(role):
+            hint = f"{role} is {getattr(config, role)}, whose parameters have names without a dot"
+            raise MclError(f"unknown parameter {given[0]!r}", hint)
+    return config.model_copy(update={"own": own})
 
 
 def dump_config(config: Config) -> str:

@@ -149,15 +149,13 @@ class Localizer:
         grid, log = log.grid, log.without_short(self.config.laser_min_range)
         config = self.config.model_copy(update={"laser_max_range": log.laser.longest(self.config.laser_max_range)})
         # Imported here: numba takes longer to load than a short log to localize, and --help must not wait for it.
-        from pipeline.filter.grid_filter import GridFilter
-        from pipeline.filter.particle_filter import ParticleFilter
+        from pipeline.filter.told_filter import filter_of
         from pipeline.kernels.threads import use_threads
 
         self._clock = _Clock()
         self._use_threads = use_threads
         with use_threads(threads):
-            kind = GridFilter if config.filter == "grid" else ParticleFilter
-            self._filter = kind(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
+            self._filter = filter_of(config)(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
         self._clock.lap("start")
         self._scans = log.scans()
         self._steps = _Columns(len(log))

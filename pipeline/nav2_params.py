@@ -111,7 +111,7 @@ def translate(values: Mapping[Any, Any], path: Path | str) -> Translation:
     model = file.one_of("laser_model_type", MODELS)
     ours: dict[str, Any] = {name: file.given.get(name, default) for name, default in SAME.items()}
     ours |= {name: file.given.get(theirs, default) for theirs, (name, default) in RENAMED.items()}
-    ours["laser_model_type"] = MODELS[model]
+    ours["sensor_model"] = MODELS[model]
     # -1 asks for the laser's own limit.
     shortest, longest = file.number("laser_min_range"), file.number("laser_max_range")
     ours["laser_min_range"] = max(0.0, shortest)

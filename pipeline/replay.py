@@ -22,6 +22,7 @@ from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.motion.faults import KINDS as FAULTS
+from pipeline.parts.sinks import OwnSink
 from pipeline.recording.run_folder import RunFolder, create
 from pipeline.recording.sampling import draw
 
@@ -139,6 +140,7 @@ def replay(
     viewer: str | None = None,
     seen: Seen | None = None,
     passes: int = 1,
+    own_sinks: Sequence[str] = (),
 ) -> Replay:
     """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures, memory.
 
@@ -146,7 +148,8 @@ def replay(
     time with the memory of the times before; the last one is recorded.
 
     ``mcap``: a file to write as well, the result beside the log's messages; a run that is stopped leaves none.
-    ``viewer``: the address of a viewer that shows the recording while it grows.
+    ``viewer``: the address of a viewer that shows the recording while it grows. ``own_sinks``: names of parts of the
+    user's own that look at every step as well.
     ``given``: options of `mcl localize` by which the log was read, to be repeated by whoever repeats the run.
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
     is to blame (MclError), or no scan was recorded, nothing can be learnt from it, and the folder is removed.
@@ -169,6 +172,8 @@ def replay(
             sinks: list[Sink] = [*recordings, recorded] if record else []
             if mcap is not None:
                 sinks.append(_Published(stack.enter_context(_result_file(mcap, log, config, seed)), config, seed))
+            offered = {"grid": log.grid, "laser": log.laser, "config": config}
+            sinks += [stack.enter_context(OwnSink(name, **offered)) for name in own_sinks]
             began_with = seen
             others = None if seen is None or log.sha256 in seen.logs else seen
             for number in range(1, passes):
@@ -326,9 +331,10 @@ def _score(result: RunResult) -> Score | None:
 
 def _sensor_model(log: Log, config: Config) -> Density:
     """The beam model at a wall 5 m away, or at half of a range that ends before 10 m."""
-    from pipeline.filter.beam_model import mixture_density
+    from pipeline.filter.own_sensor import beam_density
 
+    assert log.grid is not None, "a log without a map"
     longest = log.laser.longest(config.laser_max_range)
     wall = min(5.0, longest / 2)
     z = np.linspace(0.0, 2 * wall, 201)
-    return z, mixture_density(z, wall, config, longest), wall
+    return z, beam_density(config, longest, log.grid, log.laser).density(z, np.full_like(z, wall)), wall

@@ -97,7 +97,7 @@ def test_what_is_dumped_is_read_back_to_the_last_digit(tmp_path_factory: pytest.
 
 def test_a_dump_has_the_parameters_in_the_order_that_tells_the_story():
     names = [line.partition(":")[0] for line in dump_config(Config()).splitlines() if re.match(r"\w+:", line)]
-    assert names == list(Config.model_fields)
+    assert names == [name for name in Config.model_fields if name != "own"]
 
 
 def test_a_config_cannot_be_changed():

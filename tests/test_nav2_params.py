@@ -94,7 +94,7 @@ def test_nav2s_own_file_is_taken_as_it_is(read) -> None:
     assert (config.max_particles, config.min_particles) == (2000, 500)
     assert (config.update_min_d, config.update_min_a) == (0.25, 0.2)
     assert (config.z_hit, config.z_short, config.z_max, config.z_rand) == (0.5, 0.05, 0.05, 0.5)
-    assert config.laser_model_type == "likelihood_field_cubes"
+    assert config.sensor_model == "likelihood_field_cubes"
     assert (config.laser_min_range, config.laser_max_range) == (0.0, 100.0)
     assert (config.recovery, config.resample_ess) == ("none", 1.0)
     assert config.range_bias == 0.0
@@ -137,7 +137,7 @@ def test_pf_err_and_pf_z_have_other_names_here(read) -> None:
 )
 def test_a_model_weighs_as_amcls_does(read, theirs: str, ours: str, beams: float | None) -> None:
     config, remarks = read(amcl(laser_model_type=theirs))
-    assert (config.laser_model_type, config.independent_beams) == (ours, beams)
+    assert (config.sensor_model, config.independent_beams) == (ours, beams)
     assert len(remarks) == (theirs == "beam")
 
 

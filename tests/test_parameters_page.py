@@ -29,13 +29,15 @@ def kind(schema: dict[str, Any]) -> str:
         return "choice"
     if schema.get("type") == "array" and "enum" in schema.get("items", {}):
         return "list"
-    return {"boolean": "yes or no", "array": "3 numbers"}.get(schema["type"], schema["type"])
+    return {"boolean": "yes or no", "array": "3 numbers", "object": "by name"}.get(schema["type"], schema["type"])
 
 
 def bounds(schema: dict[str, Any]) -> str:
     one = schema["anyOf"][0] if "anyOf" in schema else schema
     if "enum" in one:
         return ", ".join(one["enum"])
+    if one["type"] == "object":
+        return "-"
     if one["type"] == "array":
         if "items" in one:
             return ", ".join(one["items"]["enum"])

@@ -12,7 +12,7 @@ from pipeline.config import Config, load_config
 from pipeline.filter.belief import Belief
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.initialization import initial_particles
-from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.resampling import low_variance
 from pipeline.filter.search import Search
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.kernels.baseline import score_plainly
@@ -21,6 +21,7 @@ from pipeline.kernels.threads import use_threads
 from pipeline.logs.messages import Log, Scan
 from pipeline.maps.range_table import HEADINGS
 from pipeline.maps.walls import wall_half_thickness
+from pipeline.motion.models import motion_model
 from pipeline.motion.prior import Prior, motion_prior
 from pipeline.motion.witnesses import Motion
 from pipeline.world.expected_ranges import ExpectedRanges, select_beams
@@ -56,7 +57,7 @@ class Bench:
         first, last = (
             Motion(scan.time, scan.odometry, None, None, scan.odometry, scan.ranges) for scan in (scans[0], scans[-1])
         )
-        self._prior: Prior = motion_prior(first, last, self.config)
+        self._prior: Prior = motion_prior(first, last, self.config, motion_model(self.config))
         self.reading: Reading = self.sensor.read(self.scan.ranges)
         self.beams = len(chosen)
         self.poses = initial_particles(grid, self.config, int(stream_key(0, 0, 0)))
@@ -79,7 +80,7 @@ class Bench:
     def resample(self) -> None:
         """Survivors replace the particles."""
         p = self.belief.particles
-        p.survive(draw_ancestors(p.weights, p.n, "low_variance", stream_key(0, 1, 2)))
+        p.survive(low_variance(p.weights, p.n, stream_key(0, 1, 2)))
 
     def estimate(self) -> None:
         """The hypotheses among the particles."""

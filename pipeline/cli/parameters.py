@@ -104,13 +104,28 @@ def config(
             console.result(f"{name:<{width}}  {preset_description(name)}".rstrip())
         return
     only = source if source in Config.model_fields else None
+    effective = load_config(None if only else source, settings or (), remark=_note_once)
+    about = {name: field.description for name, field in Config.model_fields.items()} | _own_descriptions(effective)
     lines = []
-    for line in dump_config(load_config(None if only else source, settings or (), remark=_note_once)).splitlines():
+    for line in dump_config(effective).splitlines():
         key = line.partition(":")[0]
-        field = Config.model_fields.get(key)
-        if only not in (None, key):
+        if only not in (None, key.partition(".")[0]):
             continue
-        if field is not None and field.description:
-            lines.append(f"\n# {field.description}")
+        if description := about.get(key):
+            lines.append(f"\n# {description}")
         lines.append(line)
     console.result("\n".join(lines).strip())
+
+
+def _own_descriptions(config: Config) -> dict[str, str | None]:
+    """What is said of the parameters of parts of the user's own."""
+    from pipeline.parts.roles import ROLES
+
+    found: dict[str, str | None] = {}
+    for role in ROLES:
+        if written := config.written(role):
+            part, values = written
+            found |= {
+                f"{role}.{key}": part.parameters[key].description or f"A parameter of {part.short}." for key in values
+            }
+    return found

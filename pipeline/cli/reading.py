@@ -59,6 +59,10 @@ _OPTIONS: dict[str, Any] = {
         Stamps | None,
         typer.Option(help="With log, messages count from when they were written down, whatever clock stamped them."),
     ],
+    "reader": Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.py", help="A module of yours that reads a format which this program does not know."),
+    ],
 }
 
 
@@ -74,6 +78,7 @@ class Reading:
     laser_pose: str | None = None
     tf: Path | None = None
     stamps: Stamps | None = None
+    reader: Path | None = None
 
     @property
     def names(self) -> Names:
@@ -102,7 +107,13 @@ def reads_logs(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def read(**given: Any) -> None:
-        command(reading=Reading(**{name: given.pop(name) for name in _OPTIONS}), **given)
+        reading = Reading(**{name: given.pop(name) for name in _OPTIONS})
+        if reading.reader is not None:
+            import converters
+            from pipeline.parts.sinks import reader_in
+
+            converters.register(reader_in(reading.reader))
+        command(reading=reading, **given)
 
     read.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     read.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]

@@ -42,7 +42,7 @@ ABREAST = 5
 """Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
-_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found")
+_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found", "sink")
 _NOT_OF_THE_INPUT = (*_CONFIGURED, *_SHOWN, "log", "seed", "threads", "output")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
@@ -85,6 +85,10 @@ def localize(
         int,
         typer.Option(min=1, max=9, help="Go through the log so many times, each with the memory of the time before."),
     ] = 1,
+    sink: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FILE.py:NAME", help="Also give every step to a part of your own; repeatable."),
+    ] = None,
     require_found: Annotated[
         bool, typer.Option("--require-found", help="End with exit code 3 if the robot is not found at the end.")
     ] = False,
@@ -114,7 +118,7 @@ def localize(
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
-        seen=seen, passes=passes,
+        seen=seen, passes=passes, sinks=sink or (),
     )  # fmt: skip
     warn(opened, effective)  # not before: where the run itself refuses something, that is the one line
     if as_json:
@@ -266,6 +270,7 @@ def _run(
     viewer: str | None = None,
     seen: Seen | None = None,
     passes: int = 1,
+    sinks: Sequence[str] = (),
 ) -> Replay:
     with _fresh(folder):
         # Loading these takes a while, in which somebody may think better of it.
@@ -287,6 +292,7 @@ def _run(
             viewer=viewer,
             seen=seen,
             passes=passes,
+            own_sinks=sinks,
         )
 
 

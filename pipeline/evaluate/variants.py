@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from pipeline.config import Config, check_name
+from pipeline.config import ALIASES, Config, check_name
 from pipeline.errors import MclError
 from pipeline.evaluate.aftermath import FAULT_COLUMNS, Row
 from pipeline.evaluate.paired import PAIRED_COLUMNS, Paired, paired, paired_row
@@ -216,7 +216,7 @@ def variants(
             check_name(key.strip())
         if not sep or not key.strip() or len(parts) < 2 or not all(parts):
             raise MclError(f"--vary {text!r}: expected KEY=V1,V2, with two values or more")
-        keys.append(key.strip())
+        keys.append(ALIASES.get(key.strip(), key.strip()))
         choices.append(parts)
     found = tuple(
         Variant(values, configure([f"{key}={value}" for key, value in zip(keys, values, strict=True)]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -103,22 +105,65 @@ def no_return_mass(z_star: ArrayLike, config: Config) -> NDArray[np.float64]:
     return config.z_max + np.where(np.isfinite(z_star), 0.0, config.z_hit + config.z_long)
 
 
+class BeamDensity(Protocol):
+    """How probable a reading is, given the true range; arrays (n,) of readings, (m,) of steps of true ranges."""
+
+    unexplained: float
+    """Log-density of a beam from a pose in a wall, where it can have no true range."""
+
+    def density(self, z: Array, expected: Array) -> Array:
+        """Per metre, of readings and true ranges in metres of one shape; inf where the map ends no ray."""
+
+    def over_steps(self, z: Array, low: Array, high: Array) -> Array:
+        """(n, m) mean density over true ranges from ``low`` to ``high``, which are inf where the map ends no ray."""
+
+    def no_return(self, expected: Array) -> Array:
+        """(m,) probability of a reading without return."""
+
+    def is_hit(self, z: Array, expected: Array) -> NDArray[np.bool_]:
+        """Whether a reading saw the wall of the map rather than anything else."""
+
+
+class Mixture:
+    """The mixture of Table 6.1, as ``BeamDensity``."""
+
+    def __init__(self, config: Config, max_range: float) -> None:
+        self._asked = config, max_range
+        # A pose inside a wall explains nothing: every beam is random (Table 6.1 with z_rand alone).
+        self.unexplained = float(np.log(max(config.z_rand, 1e-6) / max_range))
+
+    def density(self, z: Array, expected: Array) -> Array:
+        """``mixture_density``."""
+        return mixture_density(z, expected, *self._asked)
+
+    def over_steps(self, z: Array, low: Array, high: Array) -> Array:
+        """``step_density``."""
+        return step_density(z, low, high, *self._asked)
+
+    def no_return(self, expected: Array) -> Array:
+        """``no_return_mass``."""
+        return no_return_mass(expected, self._asked[0])
+
+    def is_hit(self, z: Array, expected: Array) -> NDArray[np.bool_]:
+        """``is_hit``."""
+        return is_hit(z, expected, *self._asked)
+
+
 class BeamModel:
     """log p(z | z*) for every pair of a measured range and a code of the true one, ready to be looked up."""
 
-    def __init__(self, config: Config, codes: RangeCodes, max_range: float) -> None:
+    def __init__(self, config: Config, codes: RangeCodes, max_range: float, density: BeamDensity | None = None) -> None:
+        self._density = Mixture(config, max_range) if density is None else density
         self.config = config
         self.codes = codes
         self.max_range = max_range
         self.no_return = config.no_return_fraction * max_range
         self._log_likelihood = np.empty((MEASURED_BINS + 2, 256), np.float32)
         with np.errstate(divide="ignore"):
-            self._log_likelihood[NO_RETURN] = np.maximum(np.log(no_return_mass(codes.ranges, config)), LEAST)
+            self._log_likelihood[NO_RETURN] = np.maximum(np.log(self._density.no_return(codes.ranges)), LEAST)
         self._log_likelihood[INVALID] = 0.0  # says nothing about any pose
         self._known = np.zeros(MEASURED_BINS // TOGETHER + 1, bool)
         self._known[-1] = True
-        # A pose inside a wall explains nothing: every beam is random (Table 6.1 with z_rand alone).
-        self._unexplained = float(np.log(max(config.z_rand, 1e-6) / max_range))
 
     def correct(self, ranges: NDArray[np.float32], bias: float) -> NDArray[np.float32]:
         """Ranges as the model sees them: the bias taken off, beyond the threshold 'no return' (inf), NaN kept."""
@@ -142,7 +187,7 @@ class BeamModel:
             rows = np.arange(TOGETHER * group, TOGETHER * (group + 1))
             centres = (rows + 0.5) * self.max_range / MEASURED_BINS
             with np.errstate(divide="ignore"):
-                density = np.log(step_density(centres, *self.codes.steps, self.config, self.max_range))
+                density = np.log(self._density.over_steps(centres, *self.codes.steps))
             self._log_likelihood[rows] = np.maximum(density, LEAST)
             self._known[group] = True
 
@@ -155,4 +200,4 @@ class BeamModel:
 
     def outside(self, corrected: NDArray[np.float32]) -> float:
         """Log-likelihood of a pose in a wall or off the map: every valid beam is unexplained."""
-        return self._unexplained * int(np.count_nonzero(~np.isnan(corrected)))
+        return self._density.unexplained * int(np.count_nonzero(~np.isnan(corrected)))

@@ -9,7 +9,7 @@ from pipeline.config import Config
 from pipeline.filter.adaptive import next_count
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.particles import Particles
-from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.resampling import low_variance, resampler
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Estimate
 from pipeline.kernels.random import stream_key
@@ -29,7 +29,7 @@ class Belief:
         self._clusters = Clusters(grid, config.max_particles)
         self._resample_due = False
         self._updates = 0
-        self._mover = Mover()
+        self._mover, self._draw = Mover(), resampler(config)
         self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
         self.followed: NDArray[np.float64] = np.empty(0)
@@ -45,7 +45,7 @@ class Belief:
         p, config = self.particles, self._config
         n = config.max_particles if most else next_count(p.n, p.weights, self._clusters.bin_weights, config)
         key = stream_key(self._seed, scan, RESAMPLE)
-        p.survive(draw_ancestors(p.weights, n, self._config.resampler, key))
+        p.survive(self._draw(p.weights, n, key))
         self._resample_due = False
         return True
 
@@ -79,7 +79,7 @@ class Belief:
         """Start anew at the place of these poses (3, m), grid frame, with weights (m,) summing to one."""
         p = self.particles
         n = min(p.capacity, max(self._config.min_particles, len(weights)))
-        p.place(np.ascontiguousarray(poses[:, draw_ancestors(weights, n, "low_variance", key)]))
+        p.place(np.ascontiguousarray(poses[:, low_variance(weights, n, key)]))
         self._resample_due = False
         self.hypotheses = self._clusters.find(p.poses, p.weights)
 
@@ -88,6 +88,6 @@ class Belief:
         p = self.particles
         room = p.capacity - poses.shape[1]
         if p.n > room:
-            p.survive(draw_ancestors(p.weights, room, "low_variance", key))
+            p.survive(low_variance(p.weights, room, key))
         p.admit(poses, share)
         self.hypotheses = self._clusters.find(p.poses, p.weights)

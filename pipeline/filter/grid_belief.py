@@ -13,7 +13,7 @@ from pipeline.errors import MclError
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.lattice import NARROW, Cells, Lattice, together
 from pipeline.filter.particles import Particles
-from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.resampling import low_variance
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Estimate
 from pipeline.geometry import wrap_angle
@@ -159,7 +159,7 @@ class GridBelief:
         self.hypotheses = (dataclasses.replace(first, weight=float(weight[here].sum())), *others)
         if len(weight) > p.capacity:
             key = stream_key(self._seed, scan, SHOW)
-            drawn = draw_ancestors(weight, p.capacity, "low_variance", key)
+            drawn = low_variance(weight, p.capacity, key)
             p.place(poses[:, drawn])
             p.log_likelihood[:] = likelihood[drawn]
             return

@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.particles import Particles
-from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.resampling import low_variance
 from pipeline.filter.rivals import Rivals
 from pipeline.filter.step import Step
 from pipeline.geometry import between, compose
 from pipeline.kernels.random import stream_key, uniforms
 from pipeline.kernels.smoothing import draw_predecessors
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.motion.prior import Component, Prior
+from pipeline.motion.models import Component
+from pipeline.motion.prior import Prior
 from pipeline.motion.witnesses import Motion
 
 REMEMBERED = 4000
@@ -54,7 +55,7 @@ class Hindsight:
         if not self._config.hindsight:
             return
         own = min(particles.n, REMEMBERED)
-        ancestors = draw_ancestors(particles.weights, own, "low_variance", key)
+        ancestors = low_variance(particles.weights, own, key)
         others = rivals.particles[:, :, ::PER_RIVAL]
         shares = np.append(odds[0] / own, np.repeat(odds[1:] / others.shape[2], others.shape[2]))
         self._scans.append(step.index)

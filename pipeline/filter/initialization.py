@@ -9,6 +9,8 @@ from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.geometry import wrap_angle
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.parts.loading import built_in
+from pipeline.parts.roles import ROLES
 
 
 def initial_particles(grid: OccupancyGrid, config: Config, key: int) -> NDArray[np.float32]:
@@ -18,17 +20,18 @@ def initial_particles(grid: OccupancyGrid, config: Config, key: int) -> NDArray[
     """
     # Philox counts, as our own kernels do: the draw depends on the key alone.
     rng = np.random.Generator(np.random.Philox(key=key))
-    n = config.max_particles
-    if config.init == "pose":
-        return _around_pose(grid, config, rng, n)
-    if config.init == "map":
-        return _over_map(grid, rng, n)
-    return _over_free_space(grid, config.free_threshold, rng, n)
+    n, own = config.max_particles, config.own_part("init", grid=grid)
+    if own is not None:
+        placed = own.array(own(n, rng=rng), (3, n), "poses").T
+        return np.ascontiguousarray(grid.to_grid(placed).T.astype(np.float32))
+    draw = built_in(ROLES["init"], config.init)
+    poses: NDArray[np.float32] = draw(n, rng, grid, config)
+    return poses
 
 
-def _over_free_space(grid: OccupancyGrid, threshold: float, rng: np.random.Generator, n: int) -> NDArray[np.float32]:
+def over_free_space(n: int, rng: np.random.Generator, grid: OccupancyGrid, config: Config) -> NDArray[np.float32]:
     """Uniform over the free cells and all headings (the report's init_particles_freespace)."""
-    rows, cols = np.nonzero(grid.free(threshold))
+    rows, cols = np.nonzero(grid.free(config.free_threshold))
     if len(rows) == 0:
         raise MclError("the map has no free cell to start in", "raise free_threshold")
     cell = rng.integers(len(rows), size=n)
@@ -39,14 +42,14 @@ def _over_free_space(grid: OccupancyGrid, threshold: float, rng: np.random.Gener
     )
 
 
-def _over_map(grid: OccupancyGrid, rng: np.random.Generator, n: int) -> NDArray[np.float32]:
+def over_map(n: int, rng: np.random.Generator, grid: OccupancyGrid, config: Config) -> NDArray[np.float32]:  # noqa: ARG001
     """Uniform over the map's rectangle and all headings."""
     size = np.array([grid.width, grid.height]) * grid.resolution
     xy = rng.random((2, n)) * size[:, None]
     return np.vstack([xy, rng.uniform(-np.pi, np.pi, n)]).astype(np.float32)
 
 
-def _around_pose(grid: OccupancyGrid, config: Config, rng: np.random.Generator, n: int) -> NDArray[np.float32]:
+def around_pose(n: int, rng: np.random.Generator, grid: OccupancyGrid, config: Config) -> NDArray[np.float32]:
     """Gaussian around initial_pose with initial_pose_std, independent in x, y and yaw of the map frame."""
     mean = np.array(config.initial_pose, dtype=np.float64)
     x, y, _ = grid.to_grid(mean) / grid.resolution

@@ -26,14 +26,14 @@ LEAST = 1e-37
 
 
 def field_likelihood(distance: ArrayLike, config: Config, max_range: float) -> NDArray[np.float64]:
-    """p(z) of a beam that ends ``distance`` metres from the nearest obstacle, as ``config.laser_model_type`` has it.
+    """p(z) of a beam that ends ``distance`` metres from the nearest obstacle, as ``config.sensor_model`` has it.
 
     ``likelihood_field``: Table 6.3, z_hit * N(distance; 0, sigma_hit) + z_rand / max_range, per metre. AMCL's two leave
     out the Gaussian's factor 1 / (sqrt(2 pi) sigma_hit), so that with a small sigma_hit a hit counts for less.
     """
     sigma = config.sigma_hit
     hit = np.exp(-0.5 * (np.asarray(distance, np.float64) / sigma) ** 2)
-    if config.laser_model_type == "likelihood_field":
+    if config.sensor_model == "likelihood_field":
         hit = hit / (math.sqrt(2.0 * math.pi) * sigma)
     return config.z_hit * hit + config.z_rand / max_range
 
@@ -50,8 +50,8 @@ class LikelihoodField:
         self, grid: OccupancyGrid, laser: Laser, angles: NDArray[np.float64], config: Config, max_range: float
     ):
         self._config = config
-        self._cubes = config.laser_model_type == "likelihood_field_cubes"
-        self._skips = config.laser_model_type == "likelihood_field_prob" and config.do_beamskip
+        self._cubes = config.sensor_model == "likelihood_field_cubes"
+        self._skips = config.sensor_model == "likelihood_field_prob" and config.do_beamskip
         x, y, yaw = laser.pose
         self._at = np.array([[x], [y]])
         self._directions = np.stack([np.cos(angles + yaw), np.sin(angles + yaw)])
@@ -62,7 +62,7 @@ class LikelihoodField:
         p = field_likelihood(distances.distances, config, max_range)
         self._values = (p**3 if self._cubes else np.log(np.maximum(p, LEAST))).astype(np.float32)
 
-    def ends(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+    def read(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
         """(2, m) float32 cells: ends of the beams that came back, seen from the robot; ``ranges`` (k,) m, corrected."""
         back = np.isfinite(ranges)
         metres = self._at + ranges[back] * self._directions[:, back]

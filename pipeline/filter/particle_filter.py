@@ -27,7 +27,8 @@ from pipeline.kernels.clusters import MOST as MOST_CLUSTERS
 from pipeline.kernels.random import stream_key
 from pipeline.logs.messages import Laser, Scan
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.motion.prior import Component, Prior, motion_prior
+from pipeline.motion.models import Component, motion_model
+from pipeline.motion.prior import Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 from pipeline.world.memory import KeyScan, Memory
 from pipeline.world.seen import Seen
@@ -70,6 +71,7 @@ class ParticleFilter:
         self._narrator = Narrator()
         self._map_poses = np.empty((config.max_particles, 3), np.float32)
         self._witnesses = Witnesses(laser, config, wheels)
+        self._motion_model = motion_model(config)
         self._motion: Motion | None = None
         self._memory: Memory | None = None
         self._shown = 0
@@ -99,7 +101,7 @@ class ParticleFilter:
             if self._motion is None:
                 self._start(scan, reading)
             else:
-                prior = motion_prior(self._motion, motion, self._config)
+                prior = motion_prior(self._motion, motion, self._config, self._motion_model)
                 if self._off > OFF:
                     prior = prior.exactly
                 resampled, takeover = self._advance(scan, reading, motion, prior)

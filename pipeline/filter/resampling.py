@@ -1,27 +1,52 @@
-"""Survival of the fittest: which resampler, in one place."""
+"""Survival of the fittest: the resamplers."""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.config import Config
 from pipeline.kernels import BLOCK, resampling
 from pipeline.kernels.random import uniforms
+from pipeline.parts.loading import built_in
+from pipeline.parts.own import Own
+from pipeline.parts.roles import ROLES
+
+Resampler = Callable[[NDArray[np.float64], int, np.uint64], NDArray[np.int32]]
+"""Weights (m,) float64 summing to one, how many shall survive, and the key of random numbers -> their indices (n,)."""
 
 
-def draw_ancestors(
-    weights: NDArray[np.float64], n: int, method: Literal["low_variance", "multinomial"], key: np.uint64
-) -> NDArray[np.int32]:
-    """(n,) int32 indices of the particles that survive, ascending; weights (m,) float64 summing to one.
-
-    low_variance: Probabilistic Robotics, Table 4.4; multinomial: n independent draws, made in ascending order.
-    """
+def low_variance(weights: NDArray[np.float64], n: int, key: np.uint64) -> NDArray[np.int32]:
+    """(n,) int32 indices of the particles that survive, ascending (Probabilistic Robotics, Table 4.4)."""
     ancestors = np.empty(n, np.int32)
-    if method == "low_variance":
-        blocks = -(-len(weights) // BLOCK)
-        resampling.low_variance(5 * n, weights, uniforms(key, 1)[0], np.empty(blocks + 1), ancestors)
-    else:
-        resampling.multinomial(weights, np.sort(uniforms(key, n)), ancestors)
+    blocks = -(-len(weights) // BLOCK)
+    resampling.low_variance(5 * n, weights, uniforms(key, 1)[0], np.empty(blocks + 1), ancestors)
     return ancestors
+
+
+def multinomial(weights: NDArray[np.float64], n: int, key: np.uint64) -> NDArray[np.int32]:
+    """(n,) int32 indices of the particles that survive: independent draws, made in ascending order."""
+    ancestors = np.empty(n, np.int32)
+    resampling.multinomial(weights, np.sort(uniforms(key, n)), ancestors)
+    return ancestors
+
+
+def resampler(config: Config) -> Resampler:
+    """The resampler that ``config.resampler`` names."""
+    own = config.own_part("resampler")
+    found: Resampler = built_in(ROLES["resampler"], config.resampler) if own is None else _by(own)
+    return found
+
+
+def _by(own: Own) -> Resampler:
+    def draw(weights: NDArray[np.float64], n: int, key: np.uint64) -> NDArray[np.int32]:
+        rng = np.random.Generator(np.random.Philox(key=int(key)))
+        answer = own(weights.copy(), n, rng=rng, key=key)
+        indices = own.array(answer, (n,), "indices of the survivors").astype(np.int64)
+        if n and not (indices.min() >= 0 and indices.max() < len(weights)):
+            raise own.wrong(f"it gave an index outside 0 to {len(weights) - 1}")
+        return np.sort(indices).astype(np.int32)
+
+    return draw

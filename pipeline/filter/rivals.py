@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.resampling import low_variance
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.geometry import wrap_angle
 from pipeline.kernels import places
@@ -73,7 +73,7 @@ class Rivals:
     ) -> None:
         """Follow also the place of these poses (3, n), with weights (n,) that sum to one; it comes last."""
         key = stream_key(self._seed, scan, self._stream)
-        survivors = draw_ancestors(weights, EACH, "low_variance", key)
+        survivors = low_variance(weights, EACH, key)
         self._join(poses[:, None, survivors], time, margin, roams=True)
 
     def keep(self, rows: NDArray[np.int64]) -> None:
@@ -90,7 +90,7 @@ class Rivals:
         for row in np.flatnonzero(self._ess < LEAST_ESS * EACH):
             # The same offset serves all rows: they are not compared particle by particle.
             key = stream_key(self._seed, scan, self._stream + 1)
-            survivors = draw_ancestors(self.weights[row], EACH, "low_variance", key)
+            survivors = low_variance(self.weights[row], EACH, key)
             self.particles[:, row] = self.particles[:, row, survivors]
             self.weights[row] = 1.0 / EACH
         flat = self.particles.reshape(3, -1)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.filter.beam_model import BeamModel
-from pipeline.filter.likelihood_field import LikelihoodField
+from pipeline.filter.beam_model import BeamModel, Mixture
+from pipeline.filter.own_sensor import OwnLikelihood, beam_density
 from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
 from pipeline.filter.step import Beams
@@ -19,6 +20,8 @@ from pipeline.geometry import compose
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.walls import wall_half_thickness
+from pipeline.parts.loading import built_in
+from pipeline.parts.roles import ROLES
 from pipeline.world.agnostic import Agnostic
 from pipeline.world.expected_ranges import ExpectedRanges, select_beams
 from pipeline.world.unknown import PRICE, Unknown
@@ -38,8 +41,8 @@ HOTTEST = 8000
 @dataclass(frozen=True)
 class Reading:
     """A scan as the sensor model sees it: ``ranges`` (k,) float32 m, corrected; ``rows`` (k, 256) float32, their
-    log-likelihood for every code of the true range; ``outside``: log-likelihood of a pose in a wall; ``ends`` (2, m)
-    float32 cells, the beams' ends as seen from the robot, for a likelihood field; ``temper``: the exponent that lets
+    log-likelihood for every code of the true range; ``outside``: log-likelihood of a pose in a wall; ``seen`` (.., m)
+    float32, what another sensor model than a beam model needs of the scan; ``temper``: the exponent that lets
     the scan count as ``independent_beams`` beams; ``valid``: number of factors in its likelihood, one a beam."""
 
     ranges: NDArray[np.float32]
@@ -48,7 +51,7 @@ class Reading:
     temper: float
     valid: int
     agnostic: NDArray[np.float64]
-    ends: NDArray[np.float32] | None = None
+    seen: NDArray[np.float32] | None = None
 
     @cached_property
     def likelihood(self) -> NDArray[np.float32]:
@@ -56,10 +59,26 @@ class Reading:
         return np.exp(self.rows)
 
 
-class Sensor:
-    """Beams in, likelihoods out, by the model that ``config.laser_model_type`` names.
+class ScanModel(Protocol):
+    """A sensor model that is no beam model: it weighs particles by whatever it reads of the scan."""
 
-    The beam model is there whichever that is: a search of the building uses its table of ranges. So with a likelihood
+    def read(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(.., m) float32: what it needs of a scan's chosen beams (k,), m of them."""
+
+    def temper(self, beams: int) -> float:
+        """Exponent on the likelihood of so many beams."""
+
+    def voices(self, beams: int) -> int:
+        """How many factors the likelihood of so many beams has, at least one."""
+
+    def score(self, poses: NDArray[np.float32], seen: NDArray[np.float32], out: NDArray[np.float32]) -> None:
+        """Log-likelihood, untempered, at poses (3, n) float32 of the grid frame -> ``out`` (n,) float32."""
+
+
+class Sensor:
+    """Beams in, likelihoods out, by the model that ``config.sensor_model`` names.
+
+    A beam model is there whichever that is: a search of the building uses its table of ranges. So with a likelihood
     field a search only proposes places, by the beam model's own parameters, and the field weighs them.
     """
 
@@ -69,23 +88,32 @@ class Sensor:
         max_range = config.laser_max_range or laser.range_max
         half_thickness = wall_half_thickness(grid, config.occupied_threshold)
         self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range, half_thickness)
-        self._model = BeamModel(config, self._expected.codes, max_range)
-        self._field: LikelihoodField | None = None
-        if config.laser_model_type != "beam":
-            self._field = LikelihoodField(grid, laser, laser.angles[self._beams], config, max_range)
+        density = beam_density(config, max_range, grid, laser)
+        self._model = BeamModel(config, self._expected.codes, max_range, density)
+        self._other = self._instead(max_range)
         searches = config.init == "exhaustive" or config.recovery == "search"
         self._search = Search(grid, laser, self._expected, config.free_threshold) if searches else None
         self._searched: Posterior | None = None
         self.bias = RangeBias(config, half_thickness)
         self._agnostic = Agnostic(max_range)
         weights = config.z_hit + config.z_short + config.z_max + config.z_rand + config.z_long
-        self._measure = weights if not math.isclose(weights, 1.0) else 1.0
+        self._measure = 1.0 if math.isclose(weights, 1.0) or not isinstance(density, Mixture) else weights
         self._unknown: Unknown | None = None
         self.world: World | None = None
-        if self._field is None and self._expected.table is not None and "off_map" not in config.without:
+        if self._other is None and self._expected.table is not None and "off_map" not in config.without:
             width = self._expected.rows.shape[1]
             self.world = World(grid, config.occupied_threshold, self._expected.codes, width)
             self._unknown = Unknown(self.world, self._expected, self._agnostic)
+
+    def _instead(self, max_range: float) -> ScanModel | None:
+        """What weighs the particles, if it is not a beam model."""
+        config, grid, laser, angles = self._config, self._grid, self._laser, self._laser.angles[self._beams]
+        own = config.own_part("sensor_model", max_range=max_range, grid=grid, laser=laser)
+        if own is not None:
+            likelihood = own.method.name == "log_likelihood"
+            return OwnLikelihood(own, grid, config, self._expected, angles) if likelihood else None
+        kind = built_in(ROLES["sensor_model"], config.sensor_model)
+        return None if kind is Mixture else kind(grid, laser, angles, config, max_range)
 
     def read(self, scan: NDArray[np.float32]) -> Reading:
         """Of a scan (beams,) the chosen beams, and their likelihood for every true range."""
@@ -95,10 +123,10 @@ class Sensor:
         self._agnostic.learn(ranges)
         # In the model's own measure: its weights need not add up to one.
         agnostic = self._agnostic.density(ranges) * self._measure
-        if self._field is not None:
-            ends = self._field.ends(ranges)
-            m = ends.shape[1]
-            return Reading(ranges, rows, outside, self._field.temper(m), self._field.voices(m), agnostic, ends)
+        if self._other is not None:
+            seen = self._other.read(ranges)
+            m = seen.shape[1]
+            return Reading(ranges, rows, outside, self._other.temper(m), self._other.voices(m), agnostic, seen)
         valid = int(np.count_nonzero(~np.isnan(ranges)))
         return Reading(ranges, rows, outside, self._model.temper(ranges), max(1, valid), agnostic)
 
@@ -113,9 +141,9 @@ class Sensor:
 
         ``before`` (3, n): where each pose came from; without it none may be off the map.
         """
-        if self._field is not None:
-            assert reading.ends is not None, "a reading of another sensor"
-            self._field.score(poses, reading.ends, out)
+        if self._other is not None:
+            assert reading.seen is not None, "a reading of another sensor"
+            self._other.score(poses, reading.seen, out)
             return
         self._expected.score(poses, reading.rows, reading.outside, out)
         if before is None or self._unknown is None or np.isnan(reading.ranges).all():

@@ -24,6 +24,13 @@ def followed(weights, way_of, key, out):
         out[way_of[random_bits(key, i) >> _S56]] += weights[i]
 
 
+@kernel
+def taken(way_of, key, out):
+    """``out`` (n,) int32: the way that each particle takes in ``move``; the same ``way_of`` and ``key``."""
+    for i in range(out.shape[0]):
+        out[i] = way_of[random_bits(key, i) >> _S56]
+
+
 @paired
 def move(x, y, theta, ways, way_of, key, quantiles):
     """Each particle turns, drives along and across, and turns again, with Gaussian noise of its own; in place.

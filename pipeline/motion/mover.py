@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.geometry import wrap_angle
 from pipeline.kernels import motion
-from pipeline.kernels.random import normal_quantiles
-from pipeline.motion.prior import Component, Prior
+from pipeline.kernels.random import normal_quantiles, stream_key
+from pipeline.motion.models import Component
+from pipeline.motion.prior import Prior
+
+OWN = 40
+"""Purpose of random numbers: steps of a motion model of the user's own."""
 
 
 class Mover:
@@ -19,7 +24,27 @@ class Mover:
     def move(self, poses: NDArray[np.float32], prior: Prior, key: np.uint64) -> None:
         """Poses (3, n) float32 of the grid frame make the move, in place, with noise from the stream ``key``."""
         ways = np.array([_way(component) for component in prior.components], np.float32)
+        sampled = self._sampled(poses, prior, key)
         motion.move(30 * poses.shape[1], *poses, ways, way_of(prior), key, self._quantiles)
+        for which, moved in sampled:
+            poses[:, which] = moved
+            poses[2, which] = wrap_angle(poses[2, which])
+
+    def _sampled(
+        self, poses: NDArray[np.float32], prior: Prior, key: np.uint64
+    ) -> list[tuple[NDArray[np.intp], NDArray[np.float64]]]:
+        """Particles that a model of the user's own moves: which, and where they come to be, (3, m)."""
+        own = [(k, c.sampled) for k, c in enumerate(prior.components) if c.sampled is not None]
+        if not own:
+            return []
+        taken = np.empty(poses.shape[1], np.int32)
+        motion.taken(way_of(prior), key, taken)
+        found = []
+        for k, sampled in own:
+            which = np.flatnonzero(taken == k)
+            if len(which):
+                found.append((which, sampled.move(poses[:, which], int(stream_key(int(key), k, OWN)))))
+        return found
 
     def followed(self, weights: NDArray[np.float64], prior: Prior, key: np.uint64) -> NDArray[np.float64]:
         """(components,): how much of the weights (n,), given after the move, is of particles that followed each."""

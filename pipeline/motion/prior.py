@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.config import Config
 from pipeline.geometry import between, wrap_angle
 from pipeline.motion.laser_odometry import ANYWHERE, Match
-from pipeline.motion.wheels import OdometryMotion, odometry_motion
+from pipeline.motion.models import LEAST, Component, MotionModel
 from pipeline.motion.witnesses import Motion
 
 Array = NDArray[np.float64]
@@ -46,25 +46,6 @@ GYROSCOPE, GYROSCOPE_SCALE = 0.003, 0.02
 GAP_D, GAP_A, ABOUT = 0.7, 0.3, 0.05
 """m, rad: deviation of where a drive ends that only the wheels saw, for some ten seconds; and the share of particles
 that have it, beside those that have the noise of Table 5.6."""
-LEAST = np.diag([1e-6, 1e-6, 1e-6])
-"""m^2, m^2, rad^2: nobody is surer than 1 mm and a sixteenth of a degree."""
-
-
-@dataclass(frozen=True)
-class Component:
-    """One way in which the robot may have moved: ``step`` (3,) m, m, rad in its own frame, ``covariance`` (3, 3), and
-    the ``share`` of the particles that follow it. ``table``: by Table 5.6 itself, which is not quite a Gaussian."""
-
-    name: str
-    step: Array
-    covariance: Array
-    share: float = 1.0
-    table: OdometryMotion | None = None
-
-    @property
-    def reach(self) -> float:
-        """Deviation of where the step ends, along or across, m."""
-        return math.sqrt(float(self.covariance[0, 0]))
 
 
 @dataclass(frozen=True)
@@ -120,14 +101,14 @@ class Prior:
         return replace(self, components=rest or self.components)
 
 
-def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
-    """How the robot may have moved between two scans.
+def motion_prior(before: Motion, now: Motion, config: Config, model: MotionModel) -> Prior:
+    """How the robot may have moved between two scans; ``model``: how far from what the wheels say.
 
     Most particles follow the laser: ``config.laser_share`` of them with its own small noise, the rest with that of the
     wheels, so that some are always left where a map that is drawn a little wrong wants them. Some follow the wheels,
     or half of all where the two disagree.
     """
-    told = _by_wheels(before, now, config)
+    told = _by_wheels(before, now, model)
     if now.laser is None:
         assert told is not None, "neither witness is heard"
         return Prior((told,))
@@ -144,7 +125,7 @@ def motion_prior(before: Motion, now: Motion, config: Config) -> Prior:
         share = SOME if disagreement < AGREE else EITHER
     assert before.laser is not None
     exactly = _helped(seen, other, before.laser, now.laser)
-    loosely = _by_table(np.zeros(3), exactly.step, LOOSELY, config)
+    loosely = model.component(LOOSELY, np.zeros(3), exactly.step, now.time - before.time)
     most = (1.0 - share) * (1.0 if "loosely" in config.without else config.laser_share)
     lasers = _shared([exactly], most) + _shared([loosely], 1.0 - share - most)
     return Prior((*lasers, *_shared(others, share)), disagreement)
@@ -166,24 +147,16 @@ def _shared(components: list[Component], share: float) -> tuple[Component, ...]:
     return tuple(replace(component, share=share / len(components)) for component in components)
 
 
-def _by_wheels(before: Motion, now: Motion, config: Config) -> Component | None:
+def _by_wheels(before: Motion, now: Motion, model: MotionModel) -> Component | None:
     if before.odometry is None or now.odometry is None or now.unheard != before.unheard:
         return None
-    told = _by_table(before.odometry, now.odometry, WHEELS, config)
+    told = model.component(WHEELS, before.odometry, now.odometry, now.time - before.time)
     if not now.late:
         return told
     # What they say is how the robot moved a moment ago: it may have changed its pace since.
     changed = abs(now.late) * (now.time - before.time)
     noise = np.diag([ACCELERATION, ACCELERATION, TURNING]) * changed
-    return replace(told, covariance=told.covariance + noise**2, table=None)
-
-
-def _by_table(before: Array, now: Array, name: str, config: Config) -> Component:
-    """The step between two poses, with the noise of Table 5.6."""
-    m, step = odometry_motion(before, now, config), between(before, now)
-    jacobian = np.array([[-step[1], math.cos(m.rot1), 0.0], [step[0], math.sin(m.rot1), 0.0], [1.0, 0.0, 1.0]])
-    noise = np.diag([m.std_rot1**2, m.std_trans**2, m.std_rot2**2])
-    return Component(name, step, jacobian @ noise @ jacobian.T + LEAST, table=m)
+    return replace(told, covariance=told.covariance + noise**2, table=None, sampled=None)
 
 
 def _by_laser(before: Motion, now: Motion, config: Config) -> Component | None:

@@ -156,9 +156,9 @@ def result(figures: Mapping[str, Any]) -> str:
 def density(true_range: float, config: Config) -> str:
     """What the plot of the sensor model shows."""
     weighed = ""
-    if config.laser_model_type != "beam":
+    if config.sensor_model != "beam":
         weighed = (
-            f" **The particles of this run were weighed by {config.laser_model_type} instead**: the beam model "
+            f" **The particles of this run were weighed by {config.sensor_model} instead**: the beam model "
             "only proposed where they start, and where the robot might be when it seemed lost."
         )
     weights = {name: f"{getattr(config, name):g}" for name in ("z_hit", "z_short", "z_long", "z_max", "z_rand")}

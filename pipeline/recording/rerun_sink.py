@@ -6,7 +6,6 @@ import dataclasses
 import json
 import tempfile
 import time
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.errors import MclError
-from pipeline.filter.beam_model import is_hit
+from pipeline.filter.own_sensor import beam_density
 from pipeline.filter.step import Step
 from pipeline.geometry import between
 from pipeline.logs.messages import Log
@@ -99,7 +98,8 @@ class RerunSink:
         self._contradicted = False
         self._longest_interval = longest_interval(log.times)
         longest = log.laser.longest(config.laser_max_range)
-        self._is_hit: IsHit = partial(is_hit, config=config, max_range=longest)
+        assert log.grid is not None, "a log without a map"
+        self._is_hit: IsHit = beam_density(config, longest, log.grid, log.laser).is_hit
         self._closed = False
         self._viewed = viewer is not None
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data

@@ -57,11 +57,11 @@ def test_nothing_varied_is_a_single_nameless_variant() -> None:
         ("max_beams=10,,20", "two values or more"),
         ("max_beams=10,20,", "two values or more"),
         ("=1,2", "expected KEY=V1,V2"),
-        ("laser_model_typ=beam", "did you mean 'laser_model_type'"),
+        ("sensor_modle=beam", "did you mean 'sensor_model'"),
         ("max_beam=1,2", "unknown parameter 'max_beam'"),
         ("max_beams=1,many", "max_beams: .*many"),
         ("z_hit=1,1.0", "'1' and '1.0' come to the same"),
-        ("laser_model_type=beam,bean", "laser_model_type: .*bean"),
+        ("sensor_model=beam,bean", "sensor_model: .*bean"),
     ],
 )
 def test_what_cannot_be_varied(typed: str, said: str) -> None:
@@ -108,10 +108,10 @@ def test_each_value_gets_the_runs_that_it_would_get_alone() -> None:
 
 
 def test_json() -> None:
-    told = comparison("laser_model_type=beam,likelihood_field", "max_beams=10,20", logs=["a"]).to_dict()
+    told = comparison("sensor_model=beam,likelihood_field", "max_beams=10,20", logs=["a"]).to_dict()
     assert json.loads(json.dumps(told, allow_nan=False)) == told
-    assert told["vary"] == ["laser_model_type", "max_beams"]
-    assert told["variants"][2]["values"] == {"laser_model_type": "likelihood_field", "max_beams": 10}
+    assert told["vary"] == ["sensor_model", "max_beams"]
+    assert told["variants"][2]["values"] == {"sensor_model": "likelihood_field", "max_beams": 10}
     assert {"values", "logs", "config", "versions"} <= told["variants"][0].keys()
     assert told["variants"][0]["logs"]["a"]["runs"] == 4
 

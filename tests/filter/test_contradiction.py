@@ -8,7 +8,8 @@ import pytest
 from pipeline.filter.contradiction import Contradiction
 from pipeline.geometry import compose
 from pipeline.motion.laser_odometry import Match
-from pipeline.motion.prior import AGREE, Component, Prior
+from pipeline.motion.models import Component
+from pipeline.motion.prior import AGREE, Prior
 from pipeline.motion.witnesses import Motion
 
 

@@ -23,7 +23,8 @@ from pipeline.kernels import raycast
 from pipeline.localization import localize
 from pipeline.logs.messages import Laser, Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.motion.prior import Component, Prior
+from pipeline.motion.models import Component
+from pipeline.motion.prior import Prior
 
 COARSE = {"filter": "grid", "grid_d": 0.2, "grid_a": 0.07}
 PLANE = (120, 140)

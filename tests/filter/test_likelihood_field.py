@@ -40,7 +40,7 @@ def room_distances() -> np.ndarray:
 
 
 def config(model: str, **values) -> Config:
-    return Config(**{"laser_model_type": model, "occupied_threshold": 0.65, "range_bias": 0.0} | values)
+    return Config(**{"sensor_model": model, "occupied_threshold": 0.65, "range_bias": 0.0} | values)
 
 
 def model(model_type: str, **values) -> LikelihoodField:
@@ -50,7 +50,7 @@ def model(model_type: str, **values) -> LikelihoodField:
 def scores(field: LikelihoodField, poses, ranges) -> np.ndarray:
     poses = np.ascontiguousarray(np.asarray(poses, np.float32).T)
     out = np.empty(poses.shape[1], np.float32)
-    field.score(poses, field.ends(np.asarray(ranges, np.float32)), out)
+    field.score(poses, field.read(np.asarray(ranges, np.float32)), out)
     return out
 
 
@@ -71,7 +71,7 @@ def twin(pose, ranges, settings: Config) -> tuple[list[float], bool]:
     cells = np.array(ends) / RESOLUTION
     doubt = bool(np.abs(cells - np.round(cells)).min() < 1e-4)
     weights = {"hit": settings.z_hit, "rand": settings.z_rand, "sigma": settings.sigma_hit}
-    amcl = settings.laser_model_type != "likelihood_field"
+    amcl = settings.sensor_model != "likelihood_field"
     found = reference.end_distances(ends, room_distances(), RESOLUTION, MAX_DIST)
     return [reference.field_density(d, MAX_RANGE, **weights, amcl=amcl) for d in found], doubt
 
@@ -156,7 +156,7 @@ def interrupted() -> np.ndarray:
 def test_beams_that_end_on_a_passer_by_are_skipped() -> None:
     skipping, field = model("likelihood_field_prob", **SKIP), model("likelihood_field_prob")
     poses, ranges = together(), interrupted()
-    ends = skipping.ends(ranges.astype(np.float32))
+    ends = skipping.read(ranges.astype(np.float32))
     used = skipping.agreed(np.ascontiguousarray(poses.T), ends)
     ended = [reference.beam_ends(p, LASER.pose, LASER.angles, ranges) for p in poses]
     seen = np.array([reference.end_distances(e, room_distances(), RESOLUTION, np.inf) for e in ended])
@@ -182,9 +182,9 @@ def test_when_nearly_every_beam_would_be_skipped_none_is() -> None:
     ranges = np.full(LASER.beams, 0.15, np.float32)
     ranges[6] = true_ranges()[6]
     poses = np.ascontiguousarray(together().T)
-    assert skipping.agreed(poses, skipping.ends(ranges)).all()  # 12 of 13 is more than nine tenths
+    assert skipping.agreed(poses, skipping.read(ranges)).all()  # 12 of 13 is more than nine tenths
     late = model("likelihood_field_prob", **SKIP, beam_skip_distance=0.15, beam_skip_error_threshold=0.95)
-    assert late.agreed(poses, late.ends(ranges)).sum() == 1
+    assert late.agreed(poses, late.read(ranges)).sum() == 1
 
 
 @pytest.mark.parametrize("name", ["likelihood_field", "likelihood_field_cubes"])
@@ -204,7 +204,7 @@ def test_agreed_is_amcls(seed: int, distance: float, threshold: float, error: fl
     if np.abs(cells - np.round(cells)).min() < 1e-4:
         return
     seen = np.array([reference.end_distances(e, room_distances(), RESOLUTION, np.inf) for e in ends])
-    found = field.agreed(np.ascontiguousarray(poses.T), field.ends(ranges))
+    found = field.agreed(np.ascontiguousarray(poses.T), field.read(ranges))
     assert found.tolist() == reference.used_beams(seen, distance, threshold, error)
 
 
@@ -217,7 +217,7 @@ def test_the_range_bias_is_taken_off(office: Log, name: str) -> None:
     scan = next(iter(office.scans()))
     longer = dataclasses.replace(scan, ranges=scan.ranges + np.float32(0.25))
     plain, biased = (Sensor(office.grid, office.laser, config(name, range_bias=b)) for b in (0.0, 0.25))
-    np.testing.assert_allclose(plain.read(scan.ranges).ends, biased.read(longer.ranges).ends, atol=1e-3)
+    np.testing.assert_allclose(plain.read(scan.ranges).seen, biased.read(longer.ranges).seen, atol=1e-3)
 
 
 @pytest.mark.parametrize("name", [*FIELDS, "likelihood_field_prob, skipping"])

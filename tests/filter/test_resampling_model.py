@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipeline.filter.resampling import draw_ancestors
+from pipeline.filter.resampling import low_variance, multinomial
 from pipeline.kernels.random import stream_key
 
-METHODS = ["low_variance", "multinomial"]
+METHODS = [low_variance, multinomial]
 WEIGHTS = np.array([0.0, 0.3, 0.05, 0.0, 0.2, 0.45, 0.0])
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_deterministic_and_ascending(method) -> None:
-    first = draw_ancestors(WEIGHTS, 50, method, stream_key(1, 2, 2))
-    np.testing.assert_array_equal(first, draw_ancestors(WEIGHTS, 50, method, stream_key(1, 2, 2)))
+    first = method(WEIGHTS, 50, stream_key(1, 2, 2))
+    np.testing.assert_array_equal(first, method(WEIGHTS, 50, stream_key(1, 2, 2)))
     assert (np.diff(first) >= 0).all()
-    others = [draw_ancestors(WEIGHTS, 50, method, stream_key(1, scan, 2)).tolist() for scan in range(3, 40)]
+    others = [method(WEIGHTS, 50, stream_key(1, scan, 2)).tolist() for scan in range(3, 40)]
     assert any(other != first.tolist() for other in others)
 
 
@@ -28,7 +28,7 @@ def test_zero_weights_never_survive(method) -> None:
         weights = rng.random(30) * (rng.random(30) < 0.4)
         weights[rng.integers(30)] = 1.0
         weights /= weights.sum()
-        assert (weights[draw_ancestors(weights, 100, method, stream_key(0, scan, 2))] > 0).all()
+        assert (weights[method(weights, 100, stream_key(0, scan, 2))] > 0).all()
 
 
 def test_low_variance_keeps_floor_or_ceiling_of_each_share() -> None:
@@ -36,17 +36,14 @@ def test_low_variance_keeps_floor_or_ceiling_of_each_share() -> None:
     for scan in range(200):
         weights = rng.exponential(size=25)
         weights /= weights.sum()
-        counts = np.bincount(draw_ancestors(weights, 40, "low_variance", stream_key(3, scan, 2)), minlength=25)
+        counts = np.bincount(low_variance(weights, 40, stream_key(3, scan, 2)), minlength=25)
         assert (counts >= np.floor(40 * weights)).all()
         assert (counts <= np.ceil(40 * weights)).all()
 
 
 def counts(method, n: int, trials: int) -> np.ndarray:
     return np.stack(
-        [
-            np.bincount(draw_ancestors(WEIGHTS, n, method, stream_key(9, trial, 2)), minlength=len(WEIGHTS))
-            for trial in range(trials)
-        ]
+        [np.bincount(method(WEIGHTS, n, stream_key(9, trial, 2)), minlength=len(WEIGHTS)) for trial in range(trials)]
     )
 
 
@@ -60,14 +57,14 @@ def test_every_particle_survives_in_proportion_to_its_weight(method) -> None:
 
 def test_multinomial_has_the_multinomial_variance() -> None:
     trials, n = 4000, 10
-    variance = counts("multinomial", n, trials).var(axis=0)
+    variance = counts(multinomial, n, trials).var(axis=0)
     np.testing.assert_allclose(variance, n * WEIGHTS * (1 - WEIGHTS), rtol=0.12)
 
 
 def test_low_variance_deserves_its_name() -> None:
-    assert (counts("low_variance", 10, 500).var(axis=0) <= 0.25 + 1e-9).all()
+    assert (counts(low_variance, 10, 500).var(axis=0) <= 0.25 + 1e-9).all()
 
 
 def test_equal_weights_survive_once_each() -> None:
     weights = np.full(64, 1 / 64)
-    np.testing.assert_array_equal(draw_ancestors(weights, 64, "low_variance", stream_key(0, 0, 2)), np.arange(64))
+    np.testing.assert_array_equal(low_variance(weights, 64, stream_key(0, 0, 2)), np.arange(64))

@@ -13,6 +13,7 @@ from pipeline.filter.rivals import APART_D, EACH, Rivals, same_place
 from pipeline.filter.sensor import Sensor
 from pipeline.geometry import compose
 from pipeline.logs.messages import Log, Scan
+from pipeline.motion.models import motion_model
 from pipeline.motion.prior import Prior, motion_prior
 from pipeline.motion.witnesses import Motion
 
@@ -36,7 +37,7 @@ def crowd(*places: tuple[float, float, float], n: int = 500) -> np.ndarray:
 def by_wheels(*scans: Scan) -> Prior:
     """How the robot moved between two scans, as its wheels say."""
     before, now = (Motion(scan.time, scan.odometry, None, None, scan.odometry, scan.ranges) for scan in scans)
-    return motion_prior(before, now, CONFIG)
+    return motion_prior(before, now, CONFIG, motion_model(CONFIG))
 
 
 def test_the_densest_places_first_and_none_twice(sensor: Sensor) -> None:

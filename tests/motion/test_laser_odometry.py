@@ -16,7 +16,8 @@ from pipeline.config import Config
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.logs.messages import Log
 from pipeline.motion.laser_odometry import Match
-from pipeline.motion.prior import AGREE, Component, Prior, motion_prior
+from pipeline.motion.models import Component, motion_model
+from pipeline.motion.prior import AGREE, Prior, motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 from pipeline.simulate import Building, Simulated, simulate_log
 
@@ -33,7 +34,7 @@ def heard(log: Log, odometry: str = "both") -> list[Motion]:
 
 def priors(motions: Sequence[Motion], odometry: str = "both") -> list[Prior]:
     config = Config(odometry=odometry)
-    return [motion_prior(before, now, config) for before, now in itertools.pairwise(motions)]
+    return [motion_prior(before, now, config, motion_model(config)) for before, now in itertools.pairwise(motions)]
 
 
 def first_of(prior: Prior, name: str) -> Component:

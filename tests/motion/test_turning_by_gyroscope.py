@@ -8,9 +8,9 @@ import itertools
 import buildings
 import numpy as np
 import pytest
+from priors import prior_of
 
 from pipeline.config import Config
-from pipeline.motion.prior import motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 from pipeline.simulate import simulate_log
 
@@ -26,7 +26,7 @@ def test_some_particles_turn_as_the_gyroscope_says() -> None:
     match = witnesses.update(next(iter(drive.log.scans()))).laser
     assert match is not None
     broken = dataclasses.replace(match, stretch=match.stretch + 1)
-    prior = motion_prior(dataclasses.replace(before, laser=match), dataclasses.replace(now, laser=broken), Config())
+    prior = prior_of(dataclasses.replace(before, laser=match), dataclasses.replace(now, laser=broken))
     turned, wheels = prior.components
     assert turned.name == "wheels, turned by the gyroscope"
     assert turned.step == pytest.approx([0.2, 0.0, 0.1])
@@ -38,7 +38,7 @@ def test_some_particles_turn_as_the_gyroscope_says() -> None:
 def test_a_gap_of_the_gyroscope_says_nothing() -> None:
     before = Motion(0.0, np.zeros(3), None, 0.0, np.zeros(3), np.empty(0, np.float32))
     now = dataclasses.replace(before, time=0.2, odometry=np.array([0.1, 0.0, 0.0]), turn=float("nan"))
-    prior = motion_prior(before, now, Config(odometry="wheels"))
+    prior = prior_of(before, now, odometry="wheels")
     assert [component.name for component in prior.components] == ["wheels"]
 
 

@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from priors import prior_of
 
 from pipeline.config import Config
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.logs.leaps import FASTEST, SPINNING, leapt
 from pipeline.logs.messages import Log
 from pipeline.motion.faults import Fault, Faults, Step, without_leaps
-from pipeline.motion.prior import motion_prior
 from pipeline.motion.witnesses import Motion, Witnesses
 
 SECONDS = 0.2
@@ -192,7 +192,7 @@ def test_an_odometry_that_leaps_counts_on_from_where_it_was(office: Log, to: tup
     apart = between(before[-1].pose, now[-1].pose)
     assert math.hypot(apart[0], apart[1]) < 0.1
     assert abs(apart[2]) < 0.02
-    names = [component.name for component in motion_prior(now[at - 1], now[at], Config()).components]
+    names = [component.name for component in prior_of(now[at - 1], now[at]).components]
     assert "wheels" not in names
 
 
@@ -202,7 +202,7 @@ def test_late_wheels_are_trusted_less(office: Log) -> None:
     assert "late" in kinds(motions)
     k = next(k for k, motion in enumerate(motions) if motion.late and motions[k - 1].late)
     assert motions[k].late == pytest.approx(0.4, abs=0.05)
-    (told,) = (c for c in motion_prior(motions[k - 1], motions[k], Config()).components if c.name == "wheels")
+    (told,) = (c for c in prior_of(motions[k - 1], motions[k]).components if c.name == "wheels")
     assert told.table is None
     assert math.sqrt(told.covariance[2, 2]) > 0.1
 
@@ -219,7 +219,7 @@ def test_wheels_that_are_heard_alone_stand_still_over_a_leap(office: Log) -> Non
     np.testing.assert_allclose(steps[at - 1], 0.0, atol=1e-12)
     np.testing.assert_allclose(np.delete(steps, at - 1, 0), np.delete(true, at - 1, 0), atol=1e-9)
     np.testing.assert_allclose(without_leaps(log.times, odometry), told, atol=1e-9)
-    (component,) = motion_prior(motions[at - 1], motions[at], Config(odometry="wheels")).components
+    (component,) = prior_of(motions[at - 1], motions[at], odometry="wheels").components
     assert component.name == "wheels"
 
 

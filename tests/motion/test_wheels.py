@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from pipeline.config import Config
 from pipeline.geometry import between, compose, wrap_angle
 from pipeline.kernels.random import stream_key
+from pipeline.motion.models import Component
 from pipeline.motion.mover import Mover
-from pipeline.motion.prior import Component, Prior
+from pipeline.motion.prior import Prior
 from pipeline.motion.wheels import odometry_motion
 
 ALPHAS = ("alpha1", "alpha2", "alpha3", "alpha4")

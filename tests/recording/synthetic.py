@@ -14,7 +14,8 @@ from pipeline.judgement.verdict import Verdict
 from pipeline.logs.messages import Laser, Log, Trajectory
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.laser_odometry import Match
-from pipeline.motion.prior import AGREE, Component, Prior
+from pipeline.motion.models import Component
+from pipeline.motion.prior import AGREE, Prior
 from pipeline.motion.witnesses import Motion
 
 LASER = Laser((0.25, 0.0, 0.0), -np.pi / 2, np.pi / 180, beams=180, range_min=0.0, range_max=20.0)

@@ -17,10 +17,11 @@ FEW = ("--particles", "3000", "--set", "record_particles=200", "--set", "recover
 class Journey:
     """Where the files of one way from a building to a run lie: raw files, the log, the run's folder.
 
-    ``simulated``: what `mcl simulate` said on stdout.
+    ``simulated``: what `mcl simulate` said on stdout; ``short``: the log's first 40 s, for what need not be long.
     """
 
     simulated: str
     raw: Path
     log: Path
+    short: Path
     run: Path

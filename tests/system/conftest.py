@@ -56,8 +56,11 @@ def journey(mcl: Command, tmp_path_factory: pytest.TempPathFactory) -> Journey:
     """Another drive through the sample's building, simulated, converted and localized on one thread."""
     folder = tmp_path_factory.mktemp("journey")
     raw, log, run = folder / "raw", folder / "drive.mcap", folder / "run"
+    short = folder / "short.mcap"
     said = mcl("simulate", sample_dir() / "building.yaml", "-o", raw, "--seed", 5).stdout
     truth = ("--ground-truth", raw / "office_truth.tum")
     mcl("convert", raw / "office.log.gz", "--map", raw / "office.dat.gz", *truth, "-o", log)
+    first = ("--drop", "40:1000")
+    mcl("convert", raw / "office.log.gz", "--map", raw / "office.dat.gz", *truth, *first, "-o", short)
     mcl("localize", log, *FEW, "--seed", 1, "--threads", 1, "-o", run)
-    return Journey(said, raw, log, run)
+    return Journey(said, raw, log, short, run)

@@ -39,7 +39,7 @@ def test_the_same_fault_is_made_by_evaluate(mcl: Command, journey: Journey) -> N
 def test_failures_on_the_way(mcl: Command, journey: Journey, tmp_path: Path, rates: tuple[float, ...]) -> None:
     plot = tmp_path / "rates.png"
     asked = [word for rate in rates for word in ("--failures", rate)]
-    done = mcl("evaluate", journey.log, *FEW, "--runs", 2, "--jobs", 1, *asked, "--plot", plot)
+    done = mcl("evaluate", journey.log, *FEW, "--runs", 1, "--jobs", 1, *asked, "--plot", plot)
     table = done.stdout.partition("\nfaults\n")[2]
     assert table.count("any failure") == len(rates)
     assert done.stderr.count("a share wants 50") == len(rates)

@@ -25,7 +25,7 @@ def test_a_run_on_a_grid_is_a_run(mcl: Command, journey: Journey, tmp_path: Path
 
 def test_it_is_evaluated_beside_particles(mcl: Command, journey: Journey) -> None:
     told = mcl(
-        "evaluate", journey.log, "--vary", "filter=mcl,grid", *COARSE, "--runs", 1, "--jobs", 1, "--particles", 3000
+        "evaluate", journey.short, "--vary", "filter=mcl,grid", *COARSE, "--runs", 1, "--jobs", 1, "--particles", 3000
     ).stdout
     _, second = told.split("90 % of the belief at the true place")
     assert [line.split()[1:3] for line in second.splitlines() if line.split()[1:2] in (["mcl"], ["grid"])] == [

@@ -36,8 +36,8 @@ def test_the_robot_is_found(mcl: Command, bare: Path, tmp_path: Path, known: boo
 
 
 def test_it_is_scored(mcl: Command, bare: Path) -> None:
-    told = json.loads(mcl("evaluate", bare, "--runs", 2, "--jobs", 1, "--json").stdout)["logs"]["bare"]
-    assert told["successes"] == told["runs"] == 2
+    told = json.loads(mcl("evaluate", bare, "--runs", 1, "--jobs", 1, "--json").stdout)["logs"]["bare"]
+    assert told["successes"] == told["runs"] == 1
     assert told["position_error"]["median"] < 0.2
 
 

@@ -12,14 +12,14 @@ from commands import FEW, Command, Journey
 from pipeline.maps.map_server import save_map
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
-MANY = ("--particles", "20000", "--set", "record_particles=200")
+MANY = ("--particles", "6000", "--set", "record_particles=200")
 
 
 def test_the_map_of_another_building_is_not_trusted(mcl: Command, journey: Journey, tmp_path: Path) -> None:
     cells = np.zeros((200, 200), np.float32)
     cells[::8, ::8] = 1.0  # a hall of columns
     save_map(OccupancyGrid(cells, 0.1), tmp_path / "hall.yaml")
-    said = mcl("localize", journey.log, "--map", tmp_path / "hall.yaml", *FEW, "-o", tmp_path / "run").stderr
+    said = mcl("localize", journey.short, "--map", tmp_path / "hall.yaml", *FEW, "-o", tmp_path / "run").stderr
     found = r"in the second half of the run the robot is found in 0 % of the scans"
     fits = r"the map .*hall\.yaml explains \d+ % of the beams"
     assert re.search(rf"^warning: do not trust this: {found}, and {fits}", said, re.M)
@@ -28,7 +28,7 @@ def test_the_map_of_another_building_is_not_trusted(mcl: Command, journey: Journ
     assert figures["explained_late"] < 0.55
     words = ("--map", tmp_path / "hall.yaml", *FEW, "--config", "course", "-o", tmp_path / "again")
     assert re.search(
-        r"do not trust .* \(--config course\) another robot's\?$", mcl("localize", journey.log, *words).stderr, re.M
+        r"do not trust .* \(--config course\) another robot's\?$", mcl("localize", journey.short, *words).stderr, re.M
     )
 
 
@@ -36,7 +36,7 @@ def test_a_map_goes_to_ros_and_comes_back(mcl: Command, journey: Journey, tmp_pa
     done = mcl("convert", journey.raw / "office.dat.gz", "-o", tmp_path / "office.yaml")
     assert done.stdout.split() == [str(tmp_path / "office.yaml"), str(tmp_path / "office.pgm")]
     assert "unknown" in done.stderr
-    mcl("localize", journey.log, "--map", tmp_path / "office.yaml", *FEW, "-o", tmp_path / "run")
+    mcl("localize", journey.short, "--map", tmp_path / "office.yaml", *FEW, "-o", tmp_path / "run")
     again = mcl("convert", tmp_path / "office.yaml", "-o", tmp_path / "again.yaml")
     assert (tmp_path / "again.pgm").read_bytes() == (tmp_path / "office.pgm").read_bytes()
     assert again.returncode == 0

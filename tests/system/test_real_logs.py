@@ -38,10 +38,10 @@ def test_a_robot_that_was_carried_off_is_found_again(mcl: Command, shared_data: 
     raw, log = shared_data / "cmu", tmp_path / "carried.mcap"
     mcl("convert", raw / "robotdata2.log.gz", "--map", raw / "wean.dat.gz", "--drop", "30:60", "-o", log)
     reference = raw / "reference" / "robotdata2.tum"
-    told = json.loads(mcl("evaluate", log, "--reference", reference, "--runs", 2, "--jobs", 1, "--json").stdout)
+    told = json.loads(mcl("evaluate", log, "--reference", reference, "--runs", 1, "--jobs", 1, "--json").stdout)
     (found,) = told["logs"].values()
-    assert found["successes"] == 2
+    assert found["successes"] == 1
     (recovery,) = found["recoveries"]
-    assert recovery["recovered"] == 2
+    assert recovery["recovered"] == 1
     assert recovery["time"]["median"] < 15.0
     assert found["position_error"]["median"] < 0.2

@@ -145,18 +145,18 @@ def test_evaluate_compares_the_sensor_models_in_one_table(mcl: Command, journey:
     models = ("beam", "likelihood_field", "likelihood_field_prob")
     pose = ",".join(str(v) for v in read_tum(journey.raw / "office_truth.tum").poses[0].tolist())
     known = (*FEW, "--set", "init=pose", "--set", f"initial_pose=[{pose}]", "--runs", 1, "--jobs", 1)
-    vary = ("--vary", f"laser_model_type={','.join(models)}")
+    vary = ("--vary", f"sensor_model={','.join(models)}")
     picture = tmp_path / "e.png"
     lines = mcl("evaluate", journey.log, *known, *vary, "--plot", picture).stdout.splitlines()
     assert lines[0] == "1 runs per row"
-    assert lines[1].split()[:2] == ["log", "laser_model_type"]
+    assert lines[1].split()[:2] == ["log", "sensor_model"]
     assert [line.split()[:2] for line in lines[2:-1]] == [["drive", model] for model in models]
     assert picture.read_bytes().startswith(b"\x89PNG")
     told = json.loads(mcl("evaluate", journey.log, *known, *vary, "--json").stdout)
-    assert told["vary"] == ["laser_model_type"]
-    assert [each["values"] for each in told["variants"]] == [{"laser_model_type": model} for model in models]
+    assert told["vary"] == ["sensor_model"]
+    assert [each["values"] for each in told["variants"]] == [{"sensor_model": model} for model in models]
     for each in told["variants"]:
-        assert each["config"]["laser_model_type"] == each["values"]["laser_model_type"]
+        assert each["config"]["sensor_model"] == each["values"]["laser_model_type"]
         assert [run["seed"] for run in each["logs"]["drive"]["seeds"]] == [0]
         assert each["logs"]["drive"]["successes"] == 1
     alone = json.loads(mcl("evaluate", journey.log, *known, "--json").stdout)

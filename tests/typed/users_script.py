@@ -31,7 +31,7 @@ def read(path: str) -> mcl.Log:
 
 
 def step_by_step(log: mcl.Log) -> mcl.RunResult:
-    config = mcl.Config(sigma_hit=0.2, laser_model_type="likelihood_field")
+    config = mcl.Config(sigma_hit=0.2, sensor_model="likelihood_field")
     run = mcl.Localizer(log, config, seed=3, threads=1)
     for step in run:
         particles: NDArray[np.float32] = step.particles
@@ -65,7 +65,7 @@ def judged(log: mcl.Log) -> None:
     evaluation: mcl.Evaluation = mcl.evaluate_logs([log], runs=5)
     one: mcl.LogEvaluation = evaluation.logs[0]
     print(one.success_rate, one.wall)
-    configs = {"beam": mcl.Config(), "field": mcl.Config(laser_model_type="likelihood_field")}
+    configs = {"beam": mcl.Config(), "field": mcl.Config(sensor_model="likelihood_field")}
     comparison: mcl.Comparison = mcl.compare_configs(log, configs, runs=5, seed=10)
     print([(each.variant, each.p_success, each.error.p) for each in comparison.paired])
     mcl.plot_evaluation(comparison, "comparison.png")

@@ -1,0 +1,1 @@
+"""Parts of the filter that users may replace by their own: what each must do, and how it is found."""
