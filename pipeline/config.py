@@ -9,9 +9,10 @@ import difflib
 from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import Field as PydanticField
 
 from pipeline import nav2_params
 from pipeline.errors import MclError
@@ -20,6 +21,7 @@ from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
 
+Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
 PRESETS = Path(__file__).parent / "presets"
 
 LARGEST = 1e6
@@ -38,10 +40,6 @@ class Config(BaseModel):
     """The effective configuration of a run. Lengths in metres, angles in radians, densities per metre."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    if TYPE_CHECKING:  # checkers that do not know pydantic would miss the defaults below
-
-        def __init__(self, **values: Any) -> None: ...
 
     # --- where the belief starts -------------------------------------------------------------------
     init: str = _part(
@@ -372,8 +370,7 @@ def _read(source: str | Path) -> dict[str, Any]:
         raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
     except Exception as error:  # numbers, dates and keys that Python cannot hold
         raise MclError(f"not YAML: {error}", path=path) from error
-    if values is None:
-        return {}
+    values = {} if values is None else values
     if not isinstance(values, Mapping):
         raise MclError("expected a mapping of parameter: value", path=path)
     return {str(k): v for k, v in values.items()}
@@ -400,5 +397,4 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         key = ".".join(str(p) for p in first["loc"])
         key = theirs.get(key, key) if file is not None else key
         said = first["msg"].removeprefix("Value error, ")
-        got = f", got {first['input']!r}" if key else ""
-        raise MclError(f"{key}: {said}{got}" if key else said, path=file) from error
+        raise MclError(f"{key}: {said}, got {first['input']!r}" if key else said, path=file) from error

@@ -39,12 +39,15 @@ def map_svg(grid: OccupancyGrid, paths: Sequence[Path] = ()) -> str:
         points[:, 1] = high - points[:, 1]
         lines += [_polyline(name, part * scale, colour) for part in _parts(points, JUMP / grid.resolution)]
     width, height = wide * scale, high * scale
+    # A pixel holds step x step cells: the last ones reach over the edge, on the right and, since y goes up, at the top.
+    drawn_wide, drawn_high = (-(-side // step) * step * scale for side in (wide, high))
+    place = f'y="{height - drawn_high:.1f}" width="{drawn_wide:.1f}" height="{drawn_high:.1f}"'
+    png = _png(grid.occupancy[rows, columns], step)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.0f} {height:.0f}">'
-        f'<image width="{width:.0f}" height="{height:.0f}" preserveAspectRatio="none" '
-        f'style="image-rendering: pixelated" href="data:image/png;base64,{_png(grid.occupancy[rows, columns], step)}"/>'
-        f"{''.join(lines)}</svg>"
+        f'<image {place} preserveAspectRatio="none" style="image-rendering: pixelated" '
+        f'href="data:image/png;base64,{png}"/>{"".join(lines)}</svg>'
     )
 
 
@@ -60,9 +63,9 @@ def css(colour: tuple[int, int, int]) -> str:
 
 def _png(occupancy: NDArray[np.float32], step: int) -> str:
     """The map in grey as base64, the darkest of each step x step cells, so that thin walls stay."""
-    shade = np.where(np.isnan(occupancy), UNKNOWN, 1.0 - np.nan_to_num(occupancy))
+    shade = np.where(np.isnan(occupancy), np.float32(UNKNOWN), np.float32(1.0) - occupancy)
     high, wide = (-(-side // step) * step for side in shade.shape)
-    padded = np.ones((high, wide))
+    padded = np.ones((high, wide), np.float32)
     padded[: shade.shape[0], : shade.shape[1]] = shade
     darkest = padded.reshape(high // step, step, wide // step, step).min(axis=(1, 3))
     file = io.BytesIO()

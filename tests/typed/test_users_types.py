@@ -46,9 +46,11 @@ def test_what_is_wrong_in_one_is_found(cache: Path, tmp_path: Path) -> None:
         "    step.particels\n"
         "mcl.evaluate_logs(log).logs[0].success_rate.upper()\n"
         "mcl.read_run('x').told.pose_at('noon')\n"
+        "mcl.Config(sigma_hit='wide')\n"
+        "mcl.Config(sigma_hti=0.2)\n"
     )
     lines = {int(line.split(":")[1]) for line in checked(wrong, cache).splitlines() if ": error:" in line}
-    assert lines == {2, 3, 4, 6, 7, 8}
+    assert lines == {2, 3, 4, 6, 7, 8, 9, 10}
 
 
 def test_the_script_uses_every_name() -> None:
