@@ -85,6 +85,8 @@ def main() -> int:
         log = read("log.bag")
         scan: mcl.Scan = next(log.scans())
         grid: mcl.OccupancyGrid | None = log.grid
+        if grid is not None:
+            mcl.draw_map(grid, plt.subplots()[1])
         print(scan.ranges.dtype, grid, step_by_step(log), whole(mcl.sample_log()))
         judged(log)
         recorded(log)
