@@ -144,8 +144,8 @@ class Comparison:
         return [paired_row(each) for each in self.paired]
 
     def __repr__(self) -> str:
-        labels = "; ".join(variant.label for variant in self.variants)
-        return f"Comparison({', '.join(self.keys)}: {labels}; {len(self.evaluations[0].logs)} logs)"
+        labels, logs = "; ".join(variant.label for variant in self.variants), len(self.evaluations[0].logs)
+        return f"Comparison({', '.join(self.keys)}: {labels}; {logs} {'log' if logs == 1 else 'logs'})"
 
     def to_pandas(self) -> pd.DataFrame:
         """A row per variant, log and seed: its values, what ``Run.to_dict`` tells. Raises MclError without pandas."""
