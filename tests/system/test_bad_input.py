@@ -243,11 +243,6 @@ def test_a_log_without_a_map_says_how_to_give_one(mcl: Command, desk: Path, tmp_
     assert not (tmp_path / "run").exists()
 
 
-def test_a_log_without_truth_cannot_be_scored(mcl: Command, desk: Path, tmp_path: Path) -> None:
-    mcl("convert", desk / "office.log.gz", "--map", desk / "office.dat.gz", "-o", tmp_path / "bare.mcap")
-    assert "--reference" in mcl("evaluate", tmp_path / "bare.mcap", code=1).stderr
-
-
 def test_a_folder_that_may_not_be_written_to(
     mcl: Command, desk: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
