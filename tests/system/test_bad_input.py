@@ -117,7 +117,7 @@ BAD_INPUT = {
     f"localize office.mcap --config nosuch -o {NEW}": r"nosuch: .*course",
     f"localize office.mcap --config folder -o {NEW}": r"folder: ",
     f"localize office.mcap --particles 0 -o {NEW}": r"max_particles: .*0",
-    f"localize office.mcap --init moon -o {NEW}": r"init: .*'free_space'.*'moon'",
+    f"localize office.mcap --init moon -o {NEW}": r"init: .*free_space.*'moon'",
     f"localize office.mcap --init pose -o {NEW}": r"initial_pose",
     f"localize office.mcap --pose 1000,1,0 -o {NEW}": r"not on the map",
     f"localize office.mcap --set occupied_threshold=0 --set free_threshold=0 -o {NEW}": r"no cell",
