@@ -23,8 +23,11 @@ from pipeline.config import load_config
 from pipeline.export.run import read_run
 from pipeline.geometry import between, compose
 from pipeline.inspect import inspect
+from pipeline.lessons import lesson
+from pipeline.lessons.showing import record_step
 from pipeline.logs.messages import Log
 from pipeline.logs.reader import read_log
+from pipeline.recording import entities
 from pipeline.recording.run_folder import create
 from pipeline.recording.side_by_side import Shown, write_run
 from pipeline.recording.viewer import program, quiet
@@ -80,6 +83,9 @@ def main() -> None:
         run, front = read_run(made.path), Path(folder) / "witnesses.rrd"
         write_run(front, Shown(run.name, run.file, run.scenes), tab=WITNESSES_TAB)
         take(front, BACKWARDS[1] - 1.0, PICTURES / "witnesses.png")
+        drawn, step = lesson("4.4"), Path(folder) / "step.rrd"
+        record_step(drawn, drawn.reference, step, PATIENCE)
+        take(step, 0, PICTURES / "substeps.png", timeline=entities.SUBSTEP, settle=12.0)
 
 
 def without_a_part(log: Log) -> Log:
@@ -107,8 +113,11 @@ def wheels_backwards(log: Log) -> Log:
     return dataclasses.replace(log, odometry=np.array(poses), name="office_backwards")
 
 
-def take(recording: Path, at: float, picture: Path) -> None:
-    """What the viewer shows so many seconds after the first scan."""
+def take(recording: Path, at: float, picture: Path, timeline: str = entities.TIME, settle: float = 3.0) -> None:
+    """What the viewer shows so many seconds after the first scan, or at that number on another timeline.
+
+    ``settle``: seconds until everything is drawn, and until what the viewer says of itself is gone.
+    """
     os.environ |= quiet()
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -123,8 +132,9 @@ def take(recording: Path, at: float, picture: Path) -> None:
             if not state.loading and state.recordings and state.recordings[0].timelines and state.views:
                 break
             time.sleep(0.2)
-        viewer.set_time("t", duration=at, play_state="paused")
-        time.sleep(3.0)  # until everything is drawn: the viewer says when it has loaded, not when it has drawn
+        moment = {"duration": at} if timeline == entities.TIME else {"sequence": int(at)}
+        viewer.set_time(timeline, **moment, play_state="paused")
+        time.sleep(settle)  # the viewer says when it has loaded, not when it has drawn
         raw = picture.with_suffix(".raw.png")
         viewer.save_screenshot(str(raw.resolve()))
     try:

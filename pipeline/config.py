@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_serializer, model_validator
 from pydantic import Field as PydanticField
 
-from pipeline import nav2_params
+from pipeline import nav2
 from pipeline.errors import MclError
 from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
@@ -280,19 +280,14 @@ def load_config(
 ) -> Config:
     """Defaults, then the preset or file ``source``, then ``key=value`` strings, then flags that are not None.
 
-    The file may be nav2's, with AMCL's parameters: see ``nav2_params``. What of those has no meaning here, and what
-    earlier versions had, is told to ``remark``, a line each. Raises MclError for an unknown key (naming the nearest
-    one), a value out of bounds, a file that is not YAML.
+    The file may hold AMCL's parameters, for nav2 or for ROS 1, or be a launch file with them: see ``nav2``. What of
+    those has no meaning here, and what earlier versions had, is told to ``remark``, a line each. Raises MclError for an
+    unknown key (naming the nearest one), a value out of bounds, a file that is neither YAML nor a launch file.
     """
     values: dict[str, Any] = {}
     theirs: Mapping[str, str] = {}
     if source is not None:
-        values |= _read(source)
-        if nav2_params.is_nav2(values):
-            found = nav2_params.translate(values, source)
-            values, theirs = found.values, found.theirs
-            for text in found.remarks:
-                remark(text)
+        values, theirs = nav2.in_our_words(_read(source, remark), source, remark)
     typed: dict[str, Any] = {}
     for text in overrides:
         key, sep, value = text.partition("=")
@@ -323,7 +318,7 @@ def check_name(key: str, source: str | Path | None = None) -> None:
     if key.partition(".")[0] in ROLES:
         return  # of an own part, which is asked itself
     if key not in Config.model_fields and key not in ALIASES:
-        ours = nav2_params.RENAMED.get(key, (key,))[0]
+        ours = nav2.OURS.get(key, key)
         near = difflib.get_close_matches(ours, Config.model_fields, n=1)
         raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
 
@@ -353,7 +348,7 @@ def dump_config(config: Config) -> str:
     return out.getvalue()
 
 
-def _read(source: str | Path) -> dict[str, Any]:
+def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
@@ -361,9 +356,13 @@ def _read(source: str | Path) -> dict[str, Any]:
     if not path.is_file():
         raise MclError("no such config file or preset", f"presets: {', '.join(preset_names())}", path=path)
     try:
-        values = YAML(typ="safe").load(path.read_text())
+        text = path.read_text()
     except UnicodeDecodeError as error:
         raise MclError("not a text file", "expected YAML: parameter: value", path=path) from error
+    try:
+        values = nav2.values_of_launch(text, path, remark) if nav2.is_launch(text) else YAML(typ="safe").load(text)
+    except MclError:
+        raise
     except YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         problem = getattr(error, "problem", None) or "not YAML"

@@ -20,6 +20,7 @@ from pipeline.logs.messages import Log, Scan, Trajectory
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipeline.filter.substeps import SubSteps
     from pipeline.judgement.verdict import Kind
     from pipeline.world.seen import Seen
 
@@ -125,10 +126,11 @@ class Localizer:
 
     The loop may stop wherever it likes and go on later, with another one. ``finish`` tells what was found until then.
     The same log, config and seed give the same steps at any ``threads`` (all cores if None), and those of ``localize``.
-    ``seen``: what earlier runs on this map have shown of the world, to begin with.
+    ``seen``: what earlier runs on this map have shown of the world, to begin with. ``substeps``: is told what happens
+    within the updates, which changes no result.
     Every step has arrays of its own: those of a belief of 100,000 particles take 2 MB for as long as somebody keeps it.
 
-    Raises MclError if the log has no map or no scans, or the map no room for a robot.
+    Raises MclError if the log has no map or no scans, the map no room for a robot, or its filter no sub-steps to tell.
     """
 
     def __init__(
@@ -139,6 +141,7 @@ class Localizer:
         seed: int = 0,
         threads: int | None = None,
         seen: Seen | None = None,
+        substeps: SubSteps | None = None,
     ) -> None:
         if log.grid is None:
             raise MclError("the log has no map", "give one with --map", path=log.path)
@@ -156,6 +159,8 @@ class Localizer:
         self._use_threads = use_threads
         with use_threads(threads):
             self._filter = filter_of(config)(grid, log.laser, config, seed, wheels=log.wheels, seen=seen)
+            if substeps is not None:
+                self._filter.watch(substeps)
         self._clock.lap("start")
         self._scans = log.scans()
         self._steps = _Columns(len(log))
@@ -204,15 +209,17 @@ def localize(
     sinks: Sequence[Sink] = (),
     progress: Callable[[Iterable[Scan]], Iterable[Scan]] = iter,
     seen: Seen | None = None,
+    substeps: SubSteps | None = None,
 ) -> RunResult:
     """Run Monte Carlo localization over a log; the same log, config and seed give the same result at any ``threads``.
 
     ``config``: every parameter's default if None. ``sinks`` are shown every step. ``seen``: what earlier runs on this
-    map have shown of the world, to begin with.
+    map have shown of the world, to begin with. ``substeps``: is told what happens within the updates, which changes no
+    result.
 
-    Raises MclError if the log has no map, or the map no room for a robot.
+    Raises MclError if the log has no map, or the map no room for a robot, or its filter has no sub-steps to tell of.
     """
-    run = Localizer(log, config, seed=seed, threads=threads, seen=seen)
+    run = Localizer(log, config, seed=seed, threads=threads, seen=seen, substeps=substeps)
     for scan in progress(run._scans):
         step = run._update(scan)
         step = step.own() if sinks else step

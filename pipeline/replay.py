@@ -17,6 +17,7 @@ from pipeline.errors import MclError
 from pipeline.evaluate.judged import score_run
 from pipeline.evaluate.metrics import Score
 from pipeline.filter.step import Step
+from pipeline.filter.substeps import SubSteps
 from pipeline.judgement.verdict import KINDS, TRUSTED
 from pipeline.localization import RunResult, Sink, localize
 from pipeline.logs.messages import Log, Scan, Trajectory
@@ -141,6 +142,7 @@ def replay(
     seen: Seen | None = None,
     passes: int = 1,
     own_sinks: Sequence[str] = (),
+    substeps: tuple[float, float] | None = None,
 ) -> Replay:
     """Localize the log and fill the folder: configuration, recording (if ``record``), trajectories, figures, memory.
 
@@ -149,7 +151,8 @@ def replay(
 
     ``mcap``: a file to write as well, the result beside the log's messages; a run that is stopped leaves none.
     ``viewer``: the address of a viewer that shows the recording while it grows. ``own_sinks``: names of parts of the
-    user's own that look at every step as well.
+    user's own that look at every step as well. ``substeps``: seconds since the first scan between which the recording
+    has the parts of each update as well.
     ``given``: options of `mcl localize` by which the log was read, to be repeated by whoever repeats the run.
     Whatever ends the run early, the recording is closed and can be read as far as it went. But where the input
     is to blame (MclError), or no scan was recorded, nothing can be learnt from it, and the folder is removed.
@@ -158,6 +161,9 @@ def replay(
     try:
         if log.grid is None:  # the recording would miss it first, and cannot say how to give one
             raise MclError("the log has no map", "give one with --map", path=log.path)
+        if substeps is not None and not ((log.times >= substeps[0]) & (log.times <= substeps[1])).any():
+            between = " and ".join(f"{moment:g} s" for moment in substeps)
+            raise MclError(f"there is no scan between {between}", f"it lasts {log.duration:.1f} s", path=log.path)
         folder.write_config(config, _how_to_repeat(log, folder, seed, given))
         with ExitStack() as stack:
             recordings: list[RerunSink] = []
@@ -166,7 +172,10 @@ def replay(
                 from pipeline.recording.rerun_sink import RerunSink
 
                 density, begun = _sensor_model(log, config), time.perf_counter()
-                sink = RerunSink(folder.recording, log=log, config=config, seed=seed, density=density, viewer=viewer)
+                sink = RerunSink(
+                    folder.recording, log=log, config=config, seed=seed, density=density, viewer=viewer,
+                    substeps=substeps is not None,
+                )  # fmt: skip
                 recordings = [stack.enter_context(sink)]
                 opening = time.perf_counter() - begun
             sinks: list[Sink] = [*recordings, recorded] if record else []
@@ -181,7 +190,10 @@ def replay(
                 last = localize(log, config, seed=seed, threads=threads, progress=watched, seen=seen).seen
                 seen = _together(last, others)
             watched = _watched(log, progress, "localizing" if passes == 1 else f"pass {passes} of {passes}")
-            result = localize(log, config, seed=seed, threads=threads, sinks=sinks, progress=watched, seen=seen)
+            parts = None if substeps is None or not record else SubSteps(log, *substeps, sink.log_substep)
+            result = localize(
+                log, config, seed=seed, threads=threads, sinks=sinks, progress=watched, seen=seen, substeps=parts
+            )  # fmt: skip
             done = time.perf_counter()
             for recording in recordings:
                 recording.finish({"timings": result.seconds, **_figures(log, result)}, result.hindsight)

@@ -17,6 +17,8 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from converters import convert, read_map
+from pipeline import nav2
+from pipeline.check.amcl_file import checked, findings_of_file
 from pipeline.check.looking import at_a_glance
 from pipeline.config import Config, dump_config, load_config
 from pipeline.export.run import read_run
@@ -101,6 +103,17 @@ def _image(path: Path) -> None:
 def _configuration(path: Path) -> None:
     config = load_config(path, remark=_one_line)
     assert load_config(_written(path.with_name("again.yaml"), dump_config(config))) == config
+
+
+def _parameter_file(path: Path) -> None:
+    """Checked, and written into: what was written is there, and may be written again."""
+    file, found = checked(path)
+    for finding in [*found, *findings_of_file(file)]:
+        _one_line(finding.text)
+    text = path.read_bytes().decode()
+    new = nav2.written(text, {"sigma_hit": 0.123}, path)
+    assert nav2.written(new, {"sigma_hit": 0.123}, path) == new
+    assert nav2.given_of_layout(nav2.layout_of(new, path)).get("sigma_hit") == 0.123
 
 
 def _written(path: Path, text: str) -> Path:
@@ -275,6 +288,16 @@ def _beesoft() -> dict[str, bytes]:
     return {"a.dat": f"{head}robot_specifications->autoshifted_y 0\n\nglobal_map[0]: 4 4\n{rows}\n".encode()}
 
 
+LAUNCH = b"""\
+<launch>
+  <arg name="beams" default="40"/>
+  <node pkg="amcl" type="amcl" name="amcl">
+    <param name="odom_alpha1" value="0.2" unless="false"/>
+    <param name="laser_max_beams" value="$(arg beams)"/>
+    <rosparam>{laser_z_hit: 0.9, initial_pose_x: 1.0}</rosparam>
+  </node>
+</launch>
+"""
 NAV2 = b"""\
 amcl:
   ros__parameters:
@@ -341,12 +364,14 @@ TARGETS: dict[str, Target] = {
     "beesoft": Target(_beesoft, mangling.of_lines, _map),
     "config": Target(_own_config, mangling.of_yaml, _configuration),
     "nav2": Target(lambda: {"a.yaml": NAV2}, mangling.of_yaml, _configuration),
+    "amcl": Target(lambda: {"a.yaml": NAV2}, mangling.of_yaml, _parameter_file),
+    "launch": Target(lambda: {"a.launch": LAUNCH}, mangling.of_lines, _configuration),
     "tf": Target(lambda: {"a.yaml": TRANSFORMS}, mangling.of_yaml, lambda path: void(read_transforms(path))),
     "building": Target(_buildings, mangling.of_yaml, lambda path: void(load_building(path))),
     "tum": Target(lambda: {"a.tum": TUM}, mangling.of_lines, _tum),
     "rrd": Target(_runs, mangling.of_bytes, _recording),
 }  # fmt: skip
-SLOW = {"rrd": 20, "bag": 4, "db3": 4, "building": 20, "config": 2, "nav2": 2}
+SLOW = {"rrd": 20, "bag": 4, "db3": 4, "building": 20, "config": 2, "nav2": 2, "amcl": 2}
 """Targets of which one of so many turns is run: they take so much longer."""
 
 

@@ -19,7 +19,7 @@ from pipeline.errors import MclError
 
 COMMANDS = (
     "demo", "convert", "check", "localize", "inspect", "view", "compare", "evaluate", "tune", "odometry", "simulate",
-    "export", "share", "config", "bench",
+    "export", "share", "config", "lesson", "bench",
 )  # fmt: skip
 
 

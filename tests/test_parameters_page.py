@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-from pipeline import nav2_params
+from pipeline import nav2
 from pipeline.config import Config
 
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
 OURS, _, AMCLS = PAGE.partition("## AMCL's parameter files")
+AMCLS = AMCLS.partition("### AMCL of ROS 1")[0]
 SCHEMA = Config.model_json_schema()["properties"]
 
 
@@ -69,23 +70,20 @@ def test_a_row_says_what_the_program_says(name: str) -> None:
 
 
 def test_every_parameter_of_amcl_has_its_row() -> None:
-    known = {*nav2_params.SAME, *nav2_params.RENAMED, *nav2_params.TRANSLATED, *nav2_params.OF_THE_NODE}
-    assert list(rows(AMCLS)) == sorted(known)
+    assert list(rows(AMCLS)) == sorted(nav2.PARAMETERS)
 
 
-@pytest.mark.parametrize("name", rows(AMCLS))
+@pytest.mark.parametrize("name", nav2.PARAMETERS)
 def test_a_row_says_what_becomes_of_it(name: str) -> None:
-    _, default, here, said = rows(AMCLS)[name]
+    parameter = nav2.PARAMETERS[name]
+    _, said_kind, said_bounds, default, here, said = rows(AMCLS)[name]
     word = re.split(r"[:;]", said)[0]
-    if name in nav2_params.OF_THE_NODE:
-        assert (here, word) == ("-", "absent")
-        return
-    renamed = {theirs: default for theirs, (_, default) in nav2_params.RENAMED.items()}
-    assert YAML(typ="safe").load(default) == {**nav2_params.SAME, **nav2_params.TRANSLATED, **renamed}[name]
-    assert word in ("same", "different")
-    ours = here.strip("`")
-    assert ours in Config.model_fields or (here, name) == ("-", "robot_model_type")
-    if name in nav2_params.SAME:
-        assert ours == name
-    if name in nav2_params.RENAMED:
-        assert ours == nav2_params.RENAMED[name][0]
+    assert said_kind == parameter.kind
+    assert said_bounds == (", ".join(f"`{c}`" for c in parameter.choices) or parameter.bounds or "-")
+    assert YAML(typ="safe").load(default) == parameter.default
+    assert here.strip("`") == (parameter.here or "-")
+    if not parameter.here and not parameter.translated:
+        assert word == "absent"
+    else:
+        assert word in ("same", "different")
+        assert here == "-" or here.strip("`") in Config.model_fields

@@ -23,6 +23,7 @@ from pipeline.cli.checking import check
 from pipeline.cli.comparing import compare, view
 from pipeline.cli.evaluation import evaluate
 from pipeline.cli.exporting import export
+from pipeline.cli.lessons import lesson
 from pipeline.cli.logs import convert, simulate
 from pipeline.cli.parameters import config
 from pipeline.cli.reckoning import odometry
@@ -84,6 +85,7 @@ for command in (
     export,
     share,
     config,
+    lesson,
     bench,
 ):
     app.command()(command)

@@ -20,6 +20,7 @@ from pipeline.cli.parameters import (
     effective_config,
 )
 from pipeline.cli.reading import LogArgument, Reading, reads_logs
+from pipeline.errors import MclError
 from pipeline.outputs import check_output, check_suffix
 from pipeline.printable import one_line
 
@@ -58,7 +59,7 @@ def check(
     """
     from converters import read_map
     from pipeline.check.looking import look
-    from pipeline.check.page import row, verdict, write_page
+    from pipeline.check.page import row, write_page
 
     if output is not None:
         check_suffix(output, ".html", "a page's name ends in .html")
@@ -75,15 +76,48 @@ def check(
             console.result(facts(str(log), report.facts))
         if report.topics:
             console.result(columns("topics", list(map(row, report.topics)), ("", "", "messages", "a second", "gap")))
-        console.result(f"findings: {verdict(report.findings)}")
-        for finding in report.findings:
-            console.result(one_line(f"  {finding.grade:<8}  {finding.about}: {finding.text}"))
-            console.result(one_line(f"            {finding.do}"))
+        _tell(report.findings)
     if output is not None:
         (console.note if as_json else console.result)(str(output))
     grades = {finding.grade for finding in report.findings}
     if "broken" in grades or (strict and "doubtful" in grades):
         raise typer.Exit(FAULTY)
+
+
+def check_parameters(source: str | None, log_path: Path | None, map_path: Path | None, as_json: bool) -> None:
+    """Look at a parameter file of AMCL, beside a log if there is one; exits with 1 if something is broken."""
+    from pipeline.check.amcl_file import checked, findings_of_file
+    from pipeline.check.findings import worst_first
+
+    if source is None:
+        raise MclError("--check needs a file of AMCL's parameters", "mcl config --check nav2_params.yaml [LOG]")
+    file, found = checked(Path(source))
+    found += findings_of_file(file)
+    if log_path is not None:
+        from pipeline.check.amcl_log import findings_of_log
+        from pipeline.cli.reading import open_log
+        from pipeline.config import load_config
+
+        found += findings_of_log(file, open_log(log_path, map_path, Reading()), load_config())
+    elif map_path is not None:
+        raise MclError("--map goes with a log")
+    findings = worst_first(found)
+    if as_json:
+        console.emit_json({"file": source, "findings": [finding.to_dict() for finding in findings]})
+    else:
+        console.result(one_line(source))
+        _tell(findings)
+    if any(finding.grade == "broken" for finding in findings):
+        raise typer.Exit(FAULTY)
+
+
+def _tell(findings: Sequence[Finding]) -> None:
+    from pipeline.check.page import verdict
+
+    console.result(f"findings: {verdict(findings)}")
+    for finding in findings:
+        console.result(one_line(f"  {finding.grade:<8}  {finding.about}: {finding.text}"))
+        console.result(one_line(f"            {finding.do}"))
 
 
 def warn(log: Log, config: Config) -> None:

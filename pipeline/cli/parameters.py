@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline import console
+from pipeline.errors import MclError
 
 if TYPE_CHECKING:
     from pipeline.config import Config
@@ -92,10 +93,34 @@ def config(
     source: Annotated[
         str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, a YAML file, or a parameter to show alone.")
     ] = None,
+    log: Annotated[
+        Path | None, typer.Argument(metavar="[LOG]", help="With --check: a log that the file shall fit as well.")
+    ] = None,
     settings: SetOption = None,
     presets: Annotated[bool, typer.Option("--list", help="List the presets instead.")] = False,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check",
+            help="Tell instead what is wrong with a file of AMCL's parameters: what nav2 would refuse, what is "
+            "contradictory, and what is far from what LOG shows. Exits with 1 if something is broken.",
+        ),
+    ] = False,
+    map_path: MapOption = None,
+    as_json: JsonOption = False,
 ) -> None:
-    """Show every parameter, its effective value and what it means."""
+    """Show every parameter, its effective value and what it means.
+
+    With --check it looks at a parameter file of AMCL instead, of nav2 or ROS 1.
+    """
+    if check:
+        from pipeline.cli.checking import check_parameters
+
+        check_parameters(source, log, map_path, as_json)
+        return
+    for given, option in ((log, "a log"), (map_path, "--map"), (as_json or None, "--json")):
+        if given is not None:
+            raise MclError(f"{option} goes with --check")
     from pipeline.config import Config, dump_config, load_config, preset_description, preset_names
 
     if presets:

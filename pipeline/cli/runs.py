@@ -42,7 +42,7 @@ ABREAST = 5
 """Runs that are shown in columns, which fit into a terminal; more have a row each."""
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
-_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found", "sink")
+_SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found", "sink", "substeps")
 _NOT_OF_THE_INPUT = (*_CONFIGURED, *_SHOWN, "log", "seed", "threads", "output")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
@@ -85,6 +85,13 @@ def localize(
         int,
         typer.Option(min=1, max=9, help="Go through the log so many times, each with the memory of the time before."),
     ] = 1,
+    substeps: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FROM:TO",
+            help="Record predicting, weighing and resampling one by one, between these seconds since the first scan.",
+        ),
+    ] = None,
     sink: Annotated[
         list[str] | None,
         typer.Option(metavar="FILE.py:NAME", help="Also give every step to a part of your own; repeatable."),
@@ -97,11 +104,16 @@ def localize(
     as_json: JsonOption = False,
 ) -> None:
     """Find the robot: recording, trajectory, and what came out."""
+    from pipeline.presets import warning
     from pipeline.recording.run_folder import create
     from pipeline.world.seen import seen_in
 
     if (view or connect) and not record:
         raise typer.BadParameter("what is shown is the recording: --no-record leaves nothing to --view")
+
+    if substeps and not record:
+        raise typer.BadParameter("sub-steps are in the recording: --no-record leaves nothing to put --substeps into")
+    between = _interval(substeps)
 
     if mcap is not None:
         check_suffix(mcap, ".mcap", "the name of the result ends in .mcap")
@@ -118,8 +130,10 @@ def localize(
     given, folder = _given(context), create(opened.name, output)  # whoever stops it from here on leaves no folder
     run = _run(
         opened, effective, folder, seed=seed, threads=threads, record=record, given=given, mcap=mcap, viewer=viewer,
-        seen=seen, passes=passes, sinks=sink or (),
+        seen=seen, passes=passes, sinks=sink or (), substeps=between,
     )  # fmt: skip
+    if told := warning(config):
+        console.note(f"warning: {told}")
     warn(opened, effective)  # not before: where the run itself refuses something, that is the one line
     if as_json:
         written = {} if mcap is None else {"mcap": str(mcap)}
@@ -271,6 +285,7 @@ def _run(
     seen: Seen | None = None,
     passes: int = 1,
     sinks: Sequence[str] = (),
+    substeps: tuple[float, float] | None = None,
 ) -> Replay:
     with _fresh(folder):
         # Loading these takes a while, in which somebody may think better of it.
@@ -293,7 +308,21 @@ def _run(
             seen=seen,
             passes=passes,
             own_sinks=sinks,
+            substeps=substeps,
         )
+
+
+def _interval(text: str | None) -> tuple[float, float] | None:
+    """Two moments as they are typed: FROM:TO, seconds."""
+    if text is None:
+        return None
+    try:
+        first, last = (float(part) for part in text.split(":"))
+    except ValueError:
+        first, last = 1.0, 0.0
+    if not 0.0 <= first <= last < math.inf:
+        raise typer.BadParameter(f"{text!r} is not FROM:TO in seconds since the first scan, like 12:14.5")
+    return first, last
 
 
 def _viewer_at(address: str | None) -> str:

@@ -9,9 +9,10 @@ from pipeline.config import Config
 from pipeline.filter.adaptive import next_count
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.particles import Particles
-from pipeline.filter.resampling import low_variance, resampler
+from pipeline.filter.resampling import low_variance, resampler, teeth
 from pipeline.filter.sensor import Reading, Sensor
 from pipeline.filter.step import Estimate
+from pipeline.filter.substeps import SubSteps
 from pipeline.kernels.random import stream_key
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.motion.mover import Mover
@@ -33,6 +34,7 @@ class Belief:
         self.particles = Particles(config.max_particles)
         self.hypotheses: tuple[Estimate, ...] = ()
         self.followed: NDArray[np.float64] = np.empty(0)
+        self.watcher: SubSteps | None = None
 
     def resample(self, scan: int, most: bool = False) -> bool:
         """Survivors replace the particles, if the weights have become uneven; returns whether they did.
@@ -45,7 +47,10 @@ class Belief:
         p, config = self.particles, self._config
         n = config.max_particles if most else next_count(p.n, p.weights, self._clusters.bin_weights, config)
         key = stream_key(self._seed, scan, RESAMPLE)
-        p.survive(self._draw(p.weights, n, key))
+        ancestors = self._draw(p.weights, n, key)
+        if self.watcher is not None:
+            self.watcher.resampled(scan, p, self.hypotheses[0], ancestors, teeth(self._draw, n, key))
+        p.survive(ancestors)
         self._resample_due = False
         return True
 
@@ -57,7 +62,11 @@ class Belief:
         key = stream_key(self._seed, scan, MOTION)
         before = self.particles.poses.copy()
         self._mover.move(self.particles.poses, prior, key)
+        if self.watcher is not None:
+            self.watcher.predicted(scan, before, self.particles, self.hypotheses[0])
         evidence = self.weigh(reading, before)
+        if self.watcher is not None:
+            self.watcher.weighed(scan, self.particles, self.hypotheses[0])
         self.followed = self._mover.followed(self.particles.weights, prior, key)
         return evidence
 

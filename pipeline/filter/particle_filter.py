@@ -20,6 +20,7 @@ from pipeline.filter.narrator import Narrator
 from pipeline.filter.recovery import MARGIN, Recovery, Takeover
 from pipeline.filter.sensor import Reading, Sensor, contradicting_shares, explained_share
 from pipeline.filter.step import Estimate, Step
+from pipeline.filter.substeps import SubSteps
 from pipeline.geometry import between, compose
 from pipeline.judgement.verdict import OFF, Judge, Signs
 from pipeline.kernels.belief import to_map
@@ -80,6 +81,12 @@ class ParticleFilter:
             self._memory = Memory(self._sensor.world, laser, seen)
         self.hindsight = Hindsight(grid, config)
 
+    def watch(self, substeps: SubSteps) -> None:
+        """From now on tell of what happens within an update. Raises MclError for a belief that draws no particles."""
+        if not isinstance(self._belief, Belief):
+            raise MclError("sub-steps are those of particles, and this filter has none", "set filter=mcl")
+        self._belief.watcher = substeps
+
     def finish(self) -> Seen | None:
         """The log is over: what it has shown of the world, by itself; None if nothing is remembered."""
         if self._memory is None:
@@ -135,6 +142,8 @@ class ParticleFilter:
             poses = initial_particles(self._grid, self._config, int(key))
         self._belief.particles.place(poses)
         self._belief.weigh(reading)
+        if self._belief.watcher is not None:
+            self._belief.watcher.weighed(scan.index, self._belief.particles, self._belief.hypotheses[0])
 
     def _advance(self, scan: Scan, reading: Reading, motion: Motion, prior: Prior) -> tuple[bool, Takeover | None]:
         """One turn of the belief, and of whoever challenges it; returns whether it resampled, and what recovery did."""

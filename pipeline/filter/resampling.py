@@ -50,3 +50,10 @@ def _by(own: Own) -> Resampler:
         return np.sort(indices).astype(np.int32)
 
     return draw
+
+
+def teeth(draw: Resampler, n: int, key: np.uint64) -> NDArray[np.float64] | None:
+    """(n,) where a resampler looks at the cumulative weights, ascending in [0, 1); None for one of the user's own."""
+    if draw is low_variance:
+        return (np.arange(n) + uniforms(key, 1)[0]) / n
+    return np.sort(uniforms(key, n)) if draw is multinomial else None

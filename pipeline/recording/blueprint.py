@@ -56,10 +56,13 @@ def known_area(grid: OccupancyGrid) -> Area:
     return Area((float(centre[0]), float(centre[1])), (float(size[0]), float(size[1])))
 
 
-def blueprint(grid: OccupancyGrid, *, tab: int = 0, motion: rrb.Container | None = None) -> rrb.Blueprint:
+def blueprint(
+    grid: OccupancyGrid, *, tab: int = 0, motion: rrb.Container | None = None, substeps: rrb.Container | None = None
+) -> rrb.Blueprint:
     """The layout for a run on this map, with that tab in front: 0 the map, 1 the flat map, 2 and on the others.
 
-    ``motion``: a tab about the witnesses of motion, the third, where there is more than one.
+    ``motion``: a tab about the witnesses of motion, the third, where there is more than one. ``substeps``: a window
+    of its own about the parts of a turn, in front of all that, with its own timeline.
     """
     beside = [
         rrb.BarChartView(
@@ -93,23 +96,33 @@ def blueprint(grid: OccupancyGrid, *, tab: int = 0, motion: rrb.Container | None
     verdict = rrb.StateTimelineView(origin=entities.VERDICT, name="The estimate is")
     told = [] if motion is None else [motion]
     tabs = rrb.Tabs(*map_views(known_area(grid)), *told, *documents, active_tab=tab)
-    return arranged(tabs, events, rrb.Vertical(*beside, row_shares=[3, 2, 2, 2, 2, 2]), verdict)
+    curves_beside = rrb.Vertical(*beside, row_shares=[3, 2, 2, 2, 2, 2])
+    if substeps is None:
+        return framed(arranged(tabs, events, curves_beside, verdict))
+    whole = arranged(tabs, events, curves_beside, verdict, name=f"Scan by scan (timeline {entities.TIME})")
+    return framed(rrb.Tabs(whole, substeps, active_tab=1), entities.SUBSTEP)
 
 
-def arranged(tabs: rrb.Tabs, events: rrb.View, beside: rrb.Vertical, verdict: rrb.View | None = None) -> rrb.Blueprint:
+def arranged(
+    tabs: rrb.Tabs,
+    events: rrb.View,
+    beside: rrb.Vertical,
+    verdict: rrb.View | None = None,
+    name: str | None = None,
+) -> rrb.Container:
     """The window of a recording: tabs with the verdict and the events below them, curves beside all."""
     below = [events] if verdict is None else [verdict, events]
     main = rrb.Vertical(tabs, *below, row_shares=[15, *([2] * (len(below) - 1)), 3])
-    return framed(rrb.Horizontal(main, beside, column_shares=[5, 2]))
+    return rrb.Horizontal(main, beside, column_shares=[5, 2], name=name)
 
 
-def framed(content: rrb.Container) -> rrb.Blueprint:
-    """A window of nothing but these views: rerun's own panels are away, and the cursor waits on the timeline t."""
+def framed(content: rrb.Container, timeline: str = entities.TIME) -> rrb.Blueprint:
+    """A window of nothing but these views: rerun's own panels are away, and the cursor waits on the timeline."""
     return rrb.Blueprint(
         content,
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
-        rrb.TimePanel(state="collapsed", timeline=entities.TIME, play_state="paused", playback_speed=4.0),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="paused", playback_speed=4.0),
         auto_views=False,
         auto_layout=False,
     )

@@ -10,9 +10,11 @@ from pipeline.logs.messages import Log
 APPLICATION_ID = "mcl"
 SEVERAL_ID = "mcl-several"  # a viewer keeps one layout per application, and several runs need another one
 LOG_ID = "mcl-log"
+LESSON_ID = "mcl-lesson"
 
 SCAN = "scan"  # timeline: index of the scan
 TIME = "t"  # timeline: duration since the first scan
+SUBSTEP = "substep"  # timeline: number of the sub-step; only what is drawn of those is on it
 LOG_TIME = "log_time"  # timeline: wall clock; what `rerun rrd compare` leaves out
 
 # The map frame, metres. What moves with the robot hangs below a transform of its own.
@@ -40,6 +42,17 @@ TRUTH_BODY = "/world/truth/body"
 TRUTH_HEADING = "/world/truth/heading"
 TRUTH_PATH = "/world/truth_path"
 CAMERA = "/world/camera"  # looks straight down; the flat view is its picture
+
+# The parts of a filter's turn, one by one; only where somebody asked for them.
+SUBSTEP_WORLD = "/world/substep"
+SUBSTEP_PARTICLES = "/world/substep/particles"
+SUBSTEP_MOVES = "/world/substep/moves"
+SUBSTEP_ELLIPSE = "/world/substep/ellipse"
+COMB = "/comb"  # a plot
+COMB_WEIGHTS = "/comb/cumulative_weights"
+COMB_TEETH = "/comb/drawn"
+SUBSTEP_TEXT = "/about/substep"
+SUBSTEP_KIND = "/states/substep"
 
 # What wheels and laser say of the way; only where the laser's own odometry is heard.
 WALLS = "/world/laser/walls"  # that the laser's odometry remembers, in its frame

@@ -18,6 +18,7 @@ from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.own_sensor import beam_density
 from pipeline.filter.step import Step
+from pipeline.filter.substeps import SubStep
 from pipeline.geometry import between
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
@@ -39,6 +40,7 @@ from pipeline.recording.columns import (
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.sampling import draw, weight_bars
 from pipeline.recording.styles import drawn_map, styles
+from pipeline.recording.substeps import substep_columns, substep_styles, substep_tab
 from pipeline.recording.truth import JUMP, truth_at_scans
 from pipeline.recording.versions import versions
 from pipeline.recording.witness_columns import Row, witness_columns, witness_styles
@@ -59,6 +61,7 @@ class RerunSink:
     ``path``: the .rrd, which must not exist; its folder must. ``log``: what was localised, with its map;
     ``density``: the sensor model at one true range, (z (k,) m ascending, p(z | z*) (k,) per metre, z* m);
     ``viewer``: the address of one that shows the run while it goes on; if that goes away, the file is still written.
+    ``substeps``: sub-steps will be logged as well, and are shown first.
     Whatever was written in whole batches can be read even if the process is killed.
     Raises MclError for a log without a map, or where the file cannot be written.
     """
@@ -72,6 +75,7 @@ class RerunSink:
         seed: int,
         density: Density | None = None,
         viewer: str | None = None,
+        substeps: bool = False,
     ) -> None:
         if log.grid is None:
             raise MclError("the log holds no map, and a recording is drawn on one", path=log.path)
@@ -97,6 +101,7 @@ class RerunSink:
         self._heard: list[Row] = []
         self._contradicted = False
         self._longest_interval = longest_interval(log.times)
+        self._truth = truth_at_scans(log)
         longest = log.laser.longest(config.laser_max_range)
         assert log.grid is not None, "a log without a map"
         self._is_hit: IsHit = beam_density(config, longest, log.grid, log.laser).is_hit
@@ -108,7 +113,12 @@ class RerunSink:
         )
         self._stream.set_log_time_enabled(False)
         self._started = np.datetime64(time.time_ns(), "ns")
-        layout = blueprint(log.grid, motion=motion_tab(ground(log), wheels=self._wheels) if self._laser else None)
+        self._substeps = 0 if substeps else None
+        layout = blueprint(
+            log.grid,
+            motion=motion_tab(ground(log), wheels=self._wheels) if self._laser else None,
+            substeps=substep_tab(known_area(log.grid)) if substeps else None,
+        )
         try:
             if viewer is None:
                 self._stream.save(self.path, default_blueprint=layout)
@@ -158,6 +168,12 @@ class RerunSink:
         self._log_heat(step)
         if len(self._frames) >= BATCH:
             self._flush()
+
+    def log_substep(self, substep: SubStep) -> None:
+        """Adds a part of a turn, which is drawn on a timeline of its own; for who said that there would be some."""
+        assert self._substeps is not None
+        self._outbox += substep_columns([substep], self._substeps, self._seed, self._truth_at(substep.scan))
+        self._substeps += 1
 
     def finish(self, summary: dict[str, Any], hindsight: NDArray[np.float64] | None = None) -> None:
         """Adds what is known only at the end: JSON-like figures, and under "timings" wall times in seconds by name;
@@ -217,6 +233,11 @@ class RerunSink:
             self._stream.send_columns(*self._outbox[0])
             del self._outbox[0]
 
+    def _truth_at(self, scan: int) -> NDArray[np.float64] | None:
+        if self._truth is None or scan not in self._truth[0]:
+            return None
+        return self._truth[1][self._truth[0] == scan]
+
     def _joins(self, step: Step) -> bool:
         if self._previous is None:
             return False
@@ -275,7 +296,8 @@ class RerunSink:
 
     def _log_styles(self) -> None:
         witnesses = witness_styles(self._wheels) if self._laser else {}
-        for entity, archetypes in (styles() | witnesses).items():
+        parts = {} if self._substeps is None else substep_styles()
+        for entity, archetypes in (styles() | witnesses | parts).items():
             self._static(entity, *archetypes)
 
     def _log_documents(self, density: Density | None) -> None:
@@ -303,10 +325,9 @@ class RerunSink:
             self._document(entities.DENSITY_NOTE, documents.density(float(true_range), config))
 
     def _log_truth(self) -> None:
-        truth = truth_at_scans(self._log)
-        if truth is None:
+        if self._truth is None:
             return
-        inside, poses, joined = truth
+        inside, poses, joined = self._truth
         index = timelines(inside, self._log.times[inside])
         self._stream.send_columns(entities.TRUTH, index, transforms(poses, z=0.08))
         self._stream.send_columns(entities.TRUTH_PATH, index, segments(poses, z=0.03, joined=joined))

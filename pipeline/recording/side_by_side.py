@@ -22,6 +22,7 @@ from pipeline.recording.blueprint import (
     arranged,
     blueprint,
     curves,
+    framed,
     known_area,
     looking_down,
     map_views,
@@ -195,7 +196,7 @@ def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Bluepri
             timeline_columns=[entities.TIME], text_log_columns=["entitypath", "loglevel", "body"]
         ),
     )
-    return arranged(rrb.Tabs(*tabs, active_tab=0), events, rrb.Vertical(*beside))
+    return framed(arranged(rrb.Tabs(*tabs, active_tab=0), events, rrb.Vertical(*beside)))
 
 
 def _columns(areas: Sequence[Area]) -> tuple[int, float]:

@@ -16,12 +16,15 @@ from pipeline.localization import localize
 from pipeline.logs.messages import Log, Scan
 from pipeline.maps.walls import wall_half_thickness
 from pipeline.motion.faults import without_leaps
+from pipeline.tune.amcl import AmclFit, fit_amcl
 from pipeline.tune.drift import DRIFTS, DriftFit, drift_windows, fit_drift
 from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model
+from pipeline.tune.found import Found
 from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
-from pipeline.tune.scans import evidence, readings, trusted, updates
+from pipeline.tune.reasons import Reason, explain
+from pipeline.tune.scans import trusted, updates
 from pipeline.tune.temper import independent_beams, window_likelihoods
-from pipeline.tune.way import Listener, Way
+from pipeline.tune.way import Listener
 from pipeline.world.expected_ranges import select_beams
 
 PARAMETERS = (*LEARNED, "occupied_threshold", "independent_beams", *ALPHAS, *DRIFTS)
@@ -43,33 +46,6 @@ class Progress(Protocol):
 
 
 @dataclass(frozen=True)
-class Found:
-    """A log, its scans as the filter saw them, and where hindsight saw the robot.
-
-    ``way``: what the witnesses of motion said; ``trajectory`` (n, 3) in the map frame, at every scan; ``updates`` (m,):
-    the scans at which the filter updated its belief; ``scans`` (k,): those of them that are trusted.
-    """
-
-    log: Log
-    way: Way
-    trajectory: Array
-    updates: NDArray[np.int64]
-    scans: NDArray[np.int64]
-
-    def every(self, most: int) -> NDArray[np.int64]:
-        """At most so many of the scans, spread evenly."""
-        return self.scans[:: -(-len(self.scans) // most)]
-
-    def readings(self, scans: NDArray[np.int64], config: Config) -> Readings:
-        """What these scans measured, and what the map says under this configuration."""
-        return readings(self.log, self.trajectory[scans], scans, config)
-
-    def evidence(self, scans: NDArray[np.int64], config: Config, temper: float) -> Array:
-        """Nats per scan."""
-        return evidence(self.log, self.trajectory[scans], scans, config, temper)
-
-
-@dataclass(frozen=True)
 class Scores:
     """Of one configuration, on the scans it was learned from and on those held out.
 
@@ -87,7 +63,9 @@ class Tuning:
     ``before_scores`` and ``after_scores``: the latter of a model learned from one half of the scans only, so that
     the other half is held out; ``after`` itself is learned from all. ``thresholds``: (candidate, held-out evidence,
     nats per scan). ``history``: log-likelihood per beam over the iterations. ``readings``: per log, under ``after``.
-    ``drift``: how hindsight differs from the laser's odometry. ``remarks``: what was not learned, and why.
+    ``drift``: how hindsight differs from the laser's odometry. ``driven`` (w, 4): how from that of the wheels, as
+    ``motion.windows`` has it. ``rivals``: per log, likelihoods of places, as ``temper.window_likelihoods`` has them.
+    ``amcl``: the same for AMCL, which has other parameters. ``remarks``: what was not learned, and why.
     """
 
     logs: tuple[Log, ...]
@@ -101,8 +79,16 @@ class Tuning:
     beams: int
     readings: tuple[Readings, ...]
     drift: DriftFit
+    driven: Array
+    rivals: tuple[Array, ...]
+    amcl: AmclFit
     remarks: tuple[str, ...]
     seed: int
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """From which numbers each value of ``after`` comes."""
+        return explain(self)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values."""
@@ -117,6 +103,11 @@ class Tuning:
             "thresholds": [{"occupied_threshold": t, "evidence": e} for t, e in self.thresholds],
             "history": list(self.history),
             "remarks": list(self.remarks),
+            "explain": [reason.to_dict() for reason in self.reasons],
+            "amcl": {
+                "parameters": dict(self.amcl.values),
+                "explain": [reason.to_dict() for reason in self.amcl.reasons],
+            },
         }
 
 
@@ -151,6 +142,9 @@ def tune(
         beams=sum(int(np.count_nonzero(~np.isnan(r.measured))) for r in final),
         readings=final,
         drift=learned.drift,
+        driven=learned.driven,
+        rivals=learned.rivals,
+        amcl=fit_amcl(found, after),
         remarks=learned.remarks,
         seed=seed,
     )
@@ -163,6 +157,8 @@ class _Learned:
     thresholds: tuple[tuple[float, float], ...]
     history: tuple[float, ...]
     drift: DriftFit
+    driven: Array
+    rivals: tuple[Array, ...]
     remarks: tuple[str, ...]
 
 
@@ -197,7 +193,9 @@ def _learn(found: Sequence[Found], config: Config) -> _Learned:
     beams = round(np.mean([len(select_beams(f.log.laser, config)) for f in found]))
     learned = learned.model_copy(update={"independent_beams": independent_beams(rivals, beams)})
     thresholds = tuple((model.occupied_threshold, value) for value, model in tried)
-    return _Learned(learned, half, thresholds, fit.history, drift, _remarks(found, driven, drift))
+    rows = np.concatenate([np.empty((0, 4)), *driven])
+    remarks = _remarks(found, driven, drift)
+    return _Learned(learned, half, thresholds, fit.history, drift, rows, tuple(rivals), remarks)
 
 
 def _remarks(found: Sequence[Found], driven: Sequence[Array], drift: DriftFit) -> tuple[str, ...]:

@@ -24,13 +24,12 @@ def preset(tuning: Tuning) -> str:
     }
     before, after = tuning.before_scores, tuning.after_scores
     lines = [
-        *(f"# Learned by `mcl tune` from {log.name} (SHA-256 {log.sha256[:12]})" for log in tuning.logs),
-        f"# seed {tuning.seed}; {tuning.scans:,} scans, {tuning.beams:,} beams.",
+        *(f"# {line}" for line in origin(tuning).splitlines()),
         f"# Held-out log-evidence, nats per scan: {before.evidence[1]:.3f} before, {after.evidence[1]:.3f} after;",
         f"# log-likelihood, nats per beam: {before.likelihood[1]:.3f} before, {after.likelihood[1]:.3f} after.",
         *(f"# Not learned: {remark}." for remark in tuning.remarks),
         "",
-        *(f"{name}: {_number(getattr(tuning.after, name))}" for name in PARAMETERS),
+        *(f"{name}: {number(getattr(tuning.after, name))}" for name in PARAMETERS),
     ]
     if kept:
         lines += ["", "# As the logs were run:", *(f"{name}: {_plain(value)}" for name, value in kept.items())]
@@ -39,7 +38,7 @@ def preset(tuning: Tuning) -> str:
 
 def table(tuning: Tuning) -> list[tuple[str, str, str]]:
     """Every parameter and score before and after, in the order of COLUMNS."""
-    rows = [(name, _number(getattr(tuning.before, name)), _number(getattr(tuning.after, name))) for name in PARAMETERS]
+    rows = [(name, number(getattr(tuning.before, name)), number(getattr(tuning.after, name))) for name in PARAMETERS]
     before, after = tuning.before_scores, tuning.after_scores
     for i, part in enumerate(("learned from", "held out")):
         rows.append((f"nats per beam, {part}", f"{before.likelihood[i]:.3f}", f"{after.likelihood[i]:.3f}"))
@@ -47,8 +46,15 @@ def table(tuning: Tuning) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _number(value: float | None) -> str:
-    return "null" if value is None else f"{value:.4g}"
+def origin(tuning: Tuning) -> str:
+    """Lines that say from which logs it was learned."""
+    lines = [f"Learned by `mcl tune` from {log.name} (SHA-256 {log.sha256[:12]})" for log in tuning.logs]
+    return "\n".join([*lines, f"seed {tuning.seed}; {tuning.scans:,} scans, {tuning.beams:,} beams."])
+
+
+def number(value: float | str | None) -> str:
+    """A value of a table."""
+    return "null" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 
 def _plain(value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from pipeline import nav2_params
+from pipeline import nav2
 from pipeline.cli import app
 from pipeline.config import Config, dump_config, load_config
 from pipeline.errors import MclError
@@ -64,7 +64,7 @@ smoother_server:
     simple_smoother:
       tolerance: 1.0e-10
 """
-IGNORED = "use_sim_time, alpha5, base_frame_id, global_frame_id, odom_frame_id, save_pose_rate, tf_broadcast, "
+IGNORED = "use_sim_time, base_frame_id, global_frame_id, odom_frame_id, save_pose_rate, tf_broadcast, "
 IGNORED += "transform_tolerance, scan_topic"
 
 
@@ -116,7 +116,7 @@ def test_settings_and_flags_win_over_the_file(read) -> None:
     assert (config.kld_err, config.recovery, config.max_particles) == (0.1, "search", 7)
 
 
-@pytest.mark.parametrize("name", [*nav2_params.SAME])
+@pytest.mark.parametrize("name", [name for name, here in nav2.OURS.items() if name == here])
 def test_the_same_name_is_the_same_number(read, name: str) -> None:
     value = {"do_beamskip": "true", "max_beams": 31, "max_particles": 901, "min_particles": 88}.get(name, 0.125)
     assert str(getattr(read(amcl(**{name: value}))[0], name)).lower() == str(value)
@@ -187,10 +187,22 @@ def test_resampling_at_every_other_update(read) -> None:
     assert not any("resample_interval" in remark for remark in remarks)
 
 
-def test_a_robot_that_drives_sideways_is_remarked_on(read) -> None:
-    assert read(amcl(robot_model_type="differential"))[1] == []
-    (remark,) = read(amcl(robot_model_type="nav2_amcl::OmniMotionModel"))[1]
-    assert "OmniMotionModel" in remark
+@pytest.mark.parametrize("name", ["differential", "nav2_amcl::DifferentialMotionModel"])
+def test_a_robot_that_drives_as_most_do_has_our_odometry_model(read, name: str) -> None:
+    config, remarks = read(amcl(robot_model_type=name))
+    assert (config.motion_model, remarks) == ("odometry", [])
+
+
+@pytest.mark.parametrize("name", ["omnidirectional", "nav2_amcl::OmniMotionModel"])
+def test_a_robot_that_drives_sideways_has_its_own_model(read, name: str) -> None:
+    config, remarks = read(amcl(robot_model_type=name, alpha5=0.07))
+    assert (config.motion_model, config.alpha5, remarks) == ("omnidirectional", 0.07, [])
+
+
+def test_an_unknown_drive_is_remarked_on(read) -> None:
+    config, (remark,) = read(amcl(robot_model_type="mine::Walks"))
+    assert config.motion_model == "odometry"
+    assert "mine::Walks is unknown" in remark
 
 
 def test_fewer_particles_at_most_than_at_least_are_made_as_many(read) -> None:
