@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -14,13 +13,11 @@ import converters
 from converters.text import sha256
 from pipeline import logs
 from pipeline.errors import MclError
-from pipeline.logs import schema
+from pipeline.logs import reader
 from pipeline.logs.mcap_file import A_RUN, MAGIC, RRD_MAGIC
 from pipeline.logs.messages import Log
-from pipeline.logs.reader import read_log
 from pipeline.logs.recorded import Names
 from pipeline.maps.occupancy_grid import OccupancyGrid
-from pipeline.maps.range_table import UNUSED, cache_dir
 
 _SUFFIXES = (".gz", ".bz2", ".log", ".clf", ".bag", ".active", ".db3", ".mcap", ".zstd", ".txt")
 
@@ -37,13 +34,9 @@ class Converted:
 
 @dataclass(frozen=True)
 class Read:
-    """A log that was read, by way of ``mcap`` if it was converted, from ``format``; both None for an .mcap.
-
-    ``remarks``: what a user should know of how it was read.
-    """
+    """A log that was read, by way of ``mcap`` if it was converted, from ``format``; both None for an .mcap."""
 
     log: Log
-    remarks: tuple[str, ...]
     mcap: Path | None = None
     format: str | None = None
 
@@ -54,16 +47,20 @@ def read(path: Path, grid: OccupancyGrid | None = None, names: Names | None = No
     Raises MclError for whatever is wrong in it.
     """
     if (into := converted(path, names)) is None:
-        log = read_log(path, grid, names)
-        return Read(log, tuple(_remarks(log, schema.READER)))
-    log = read_log(into.mcap, grid)
+        return Read(reader.read_log(path, grid, names))
+    log = reader.read_log(into.mcap, grid)
     log = replace(log, name=into.name, path=path, sha256=into.sha256, converted=into.mcap)
-    return Read(log, (*_remarks(log, schema.SOURCE), *_remarks(log, schema.READER)), into.mcap, into.format)
+    return Read(log, into.mcap, into.format)
 
 
-def _remarks(log: Log, record: str) -> list[str]:
-    remarks: list[str] = json.loads(log.metadata.get(record, {}).get("remarks", "[]"))
-    return remarks
+def read_log(path: Path | str, grid: OccupancyGrid | None = None, names: Names | None = None) -> Log:
+    """Any log: an .mcap or a ROS 2 recording as it is; a raw log or a bag is converted first, into the cache.
+
+    ``grid``: the map, instead of the log's own. ``names``: topics and frames to read where a recording leaves a choice,
+    and what it lacks. What was left out or taken otherwise is in ``log.remarks``.
+    Raises MclError for whatever is wrong in it.
+    """
+    return read(Path(path), grid, names).log
 
 
 def converted(path: Path, names: Names | None = None) -> Converted | None:
@@ -80,6 +77,8 @@ def converted(path: Path, names: Names | None = None) -> Converted | None:
             raise MclError(*A_RUN, path=path)
         if head.startswith(MAGIC):
             return None
+    from pipeline.maps.range_table import cache_dir  # here: numba, behind it, loads slowly
+
     kind = converters.format_of(path)
     content = _content(path)
     key = hashlib.sha256(f"{content} {names!r} {_version()}".encode()).hexdigest()
@@ -116,6 +115,8 @@ def _whole(mcap: Path) -> bool:
 
 
 def _make_room(folder: Path) -> None:
+    from pipeline.maps.range_table import UNUSED
+
     for old in folder.glob("*.mcap"):
         if time.time() - old.stat().st_mtime > UNUSED:
             old.unlink()

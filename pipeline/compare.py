@@ -115,6 +115,12 @@ class Comparison:
     times: NDArray[np.float64]
     distances: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        a, b = self.figures
+        apart = f"apart in {len(self.apart)} stretches" if self.apart else "never apart"
+        names = f"{a.log}, seed {a.seed} and {b.log}, seed {b.seed}"
+        return f"Comparison({names}: {self.common:,} common scans, {apart}, {len(self.config)} parameters differ)"
+
     @property
     def common(self) -> int:
         """Scans of the same stamp."""

@@ -11,7 +11,8 @@ from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, model_serializer, model_validator
+from pydantic import Field as PydanticField
 
 from pipeline import nav2
 from pipeline.errors import MclError
@@ -20,6 +21,7 @@ from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
 
+Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
 PRESETS = Path(__file__).parent / "presets"
 
 LARGEST = 1e6
@@ -367,8 +369,7 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
         raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
     except Exception as error:  # numbers, dates and keys that Python cannot hold
         raise MclError(f"not YAML: {error}", path=path) from error
-    if values is None:
-        return {}
+    values = {} if values is None else values
     if not isinstance(values, Mapping):
         raise MclError("expected a mapping of parameter: value", path=path)
     return {str(k): v for k, v in values.items()}
@@ -395,5 +396,4 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         key = ".".join(str(p) for p in first["loc"])
         key = theirs.get(key, key) if file is not None else key
         said = first["msg"].removeprefix("Value error, ")
-        got = f", got {first['input']!r}" if key else ""
-        raise MclError(f"{key}: {said}{got}" if key else said, path=file) from error
+        raise MclError(f"{key}: {said}, got {first['input']!r}" if key else said, path=file) from error

@@ -104,6 +104,9 @@ class Inspection:
     verdicts: NDArray[np.int64]
     probabilities: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        return f"Inspection({str(self.path)!r}: {self.log}, seed {self.seed}, {self.scans:,} scans)"
+
     @property
     def scans(self) -> int:
         """How many scans were recorded."""

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from pipeline.config import Config, dump_config
+from pipeline.config import Config, dump_config, load_config
 from pipeline.errors import MclError
-from pipeline.evaluate.metrics import Score, interpolate, known, score
-from pipeline.evaluate.runs import kidnapped_in
-from pipeline.filter.step import TAKEOVERS, Step
+from pipeline.evaluate.judged import score_run
+from pipeline.evaluate.metrics import Score
+from pipeline.filter.step import Step
 from pipeline.filter.substeps import SubSteps
 from pipeline.judgement.verdict import KINDS, TRUSTED
 from pipeline.localization import RunResult, Sink, localize
@@ -24,7 +24,7 @@ from pipeline.logs.messages import Log, Scan, Trajectory
 from pipeline.logs.tum import write_tum
 from pipeline.motion.faults import KINDS as FAULTS
 from pipeline.parts.sinks import OwnSink
-from pipeline.recording.run_folder import RunFolder
+from pipeline.recording.run_folder import RunFolder, create
 from pipeline.recording.sampling import draw
 
 if TYPE_CHECKING:
@@ -63,6 +63,9 @@ class Replay:
     score: Score | None
     seconds: dict[str, float]
     recorded: bool
+
+    def __repr__(self) -> str:
+        return f"Replay({str(self.folder.path)!r}: {self.result!r})"
 
     @property
     def speed(self) -> float:
@@ -200,7 +203,7 @@ def replay(
         if isinstance(error, MclError) or not recorded.steps:
             shutil.rmtree(folder.path)
         raise
-    run = Replay(folder, log, seed, result, began_with, _score(log, result), seconds, record)
+    run = Replay(folder, log, seed, result, began_with, _score(result), seconds, record)
     folder.write_trajectory(result.trajectory)
     if result.hindsight is not None:
         write_tum(folder.path / HINDSIGHT, Trajectory(result.stamps, result.hindsight))
@@ -208,6 +211,23 @@ def replay(
         memory.write(folder.memory)
     folder.write_run(run.to_dict())
     return run
+
+
+def record_run(
+    log: Log,
+    config: Config | None = None,
+    output: Path | str | None = None,
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+) -> Replay:
+    """Localize a log and leave a run's folder, as `mcl localize` does: recording, trajectories, figures, memory.
+
+    ``output``: the folder, which must not exist or be empty; ``recordings/<log>/<date and time>`` if None. What is in
+    it is read back by ``read_run``. Raises MclError as ``replay``, and where the folder holds something.
+    """
+    folder = create(log.name, output)
+    return replay(log, config or load_config(), folder, seed=seed, threads=threads)
 
 
 def _how_to_repeat(log: Log, folder: RunFolder, seed: int, given: Sequence[str]) -> list[str]:
@@ -312,21 +332,13 @@ def _explained_late(log: Log, result: RunResult) -> float:
     return float(np.mean(result.explained[log.times >= log.duration / 2]))
 
 
-def _score(log: Log, result: RunResult) -> Score | None:
-    if log.ground_truth is None:
+def _score(result: RunResult) -> Score | None:
+    if result.log.ground_truth is None:
         return None
-    truth = interpolate(log.ground_truth, log.stamps)
-    if not known(truth).any():
-        return None
-    lost = [index for index, _, event in result.events if event.kind in TAKEOVERS]
-    at = kidnapped_in(log.metadata)
     try:
-        return score(
-            log.times, result.poses, truth,
-            kidnapped_at=at, lost_at=lost, hindsight=result.hindsight, weights=result.weights,
-        )  # fmt: skip
+        return score_run(result)
     except MclError:
-        return None  # a truth that says nothing of a whole stretch is no reason to lose the run
+        return None  # a truth that says nothing of the log, or of a whole stretch, is no reason to lose the run
 
 
 def _sensor_model(log: Log, config: Config) -> Density:

@@ -4,8 +4,10 @@ used."""
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ import pytest
 import pipeline
 
 NAMES = sorted(pipeline.__all__)
+ROOT = Path(pipeline.__file__).parents[1]
 
 
 def run(program: str) -> str:
@@ -41,10 +44,10 @@ def test_every_name_is_there_and_calls_what_it_says(name: str) -> None:
 
 def test_submodules_imported_before_do_not_take_a_names_place() -> None:
     run("""
-import pipeline.localization, pipeline.config, pipeline.logs.reader, pipeline.replay, pipeline.cli, converters
+import pipeline.localization, pipeline.config, pipeline.logs.reader, pipeline.replay, pipeline.cli, converters.cached
 from pipeline import Config, load_map, localize, read_log
 assert localize is pipeline.localization.localize
-assert read_log is pipeline.logs.reader.read_log
+assert read_log is converters.cached.read_log
 assert Config is pipeline.config.Config
 assert load_map is converters.read_map
 """)
@@ -70,3 +73,33 @@ def test_the_stub_offers_the_same_names() -> None:
         if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
     )
     assert sorted(offered) == NAMES
+
+
+def test_who_cites_it_cites_this_version() -> None:
+    from ruamel.yaml import YAML
+
+    cited = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert str(cited["version"]) == pipeline.__version__
+    assert (cited["title"], cited["license"]) == (project["name"], project["license"])
+    assert cited["cff-version"] == "1.2.0"
+    assert all(cited[key] for key in ("message", "authors"))
+
+
+def test_every_package_it_needs_is_told_with_its_licence() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = {re.match(r"[\w.-]+", text)[0] for text in project["dependencies"]}
+    page = (ROOT / "docs" / "licences.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"^\| ([\w.-]+) \| ([^|]+) \|", page, re.M))
+    assert needed <= set(told)
+    assert all(told[name].strip() for name in needed)
+
+
+def test_a_shell_can_complete_it() -> None:
+    """What `mcl --show-completion` adds to a shell asks `mcl` itself, by its name, and gets an answer."""
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys; sys.argv[0] = 'mcl'; from pipeline.cli import main; main()"],
+        capture_output=True, text=True, cwd=ROOT,
+        env={"_MCL_COMPLETE": "complete_bash", "COMP_WORDS": "mcl localize --require", "COMP_CWORD": "2", "PATH": ""},
+    )  # fmt: skip
+    assert done.stdout.split() == ["--require-found"], done.stderr

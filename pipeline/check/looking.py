@@ -81,7 +81,7 @@ def look(
     except MclError as error:
         return Report(path, (), tuple(topics), tuple(worst_first([refusal(error), *seen])))
     log = opened.log
-    remarks = list(dict.fromkeys([*opened.remarks, *(() if grid is None else grid.remarks)]))
+    remarks = list(dict.fromkeys([*opened.log.remarks, *(() if grid is None else grid.remarks)]))
     found = [of_remark(remark) for remark in remarks]
     found += findings_of_text(path) if text else [finding for finding in seen if finding not in found]
     chosen = log.metadata.get(schema.SOURCE if bag else schema.READER, {})

@@ -97,6 +97,10 @@ def evaluate(
     plot: Annotated[
         Path | None, typer.Option(metavar="OUT.png", help="Draw errors over time and paths on the map.")
     ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.csv|OUT.tex", help="Write the table, with tests of --vary: all figures, or LaTeX."),
+    ] = None,
     keep: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Keep finished runs here; those that are kept already are not run again."),
@@ -108,7 +112,10 @@ def evaluate(
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Localize with many seeds and score every run against the truth."""
+    """Localize with many seeds and score every run against the truth.
+
+    Where nobody knows the truth, it is told how far the seeds agree, what they explain and what they state.
+    """
     if plot is not None:
         _check_plot(plot, force)
     if keep is not None:
@@ -116,6 +123,9 @@ def evaluate(
     from pipeline import evaluate as evaluation
     from pipeline.logs.tum import read_tum
 
+    if table is not None:
+        evaluation.check_table(table)
+        check_output(table, force)
     keys, variants = evaluation.variants(
         vary or (), lambda values: effective_config(config, [*(settings or ()), *values], particles)
     )
@@ -123,8 +133,13 @@ def evaluate(
     changes = [change for text in perturb_map or () for change in evaluation.parse_changes(text)]
     keys, variants = evaluation.with_changes(keys, variants, changes)
     truths = [read_tum(path) for path in references] if references else [None] * len(logs)
+    opened = [open_log(log, map_path, reading) for log in logs]
+    for option, given in (("--calibration", calibration), ("--require-success", require_success is not None)):
+        if given and not references and (unknown := [log for log in opened if log.ground_truth is None]):
+            hint = "give --reference truth.tum"
+            raise MclError(f"{option} asks for the truth, which this log does not know", hint, path=unknown[0].path)
     done = evaluation.compare(
-        [open_log(log, map_path, reading) for log in logs],
+        opened,
         truths,
         [variant.config for variant in variants],
         runs,
@@ -151,40 +166,52 @@ def evaluate(
                 evaluation.plot_recovery(comparison, partial)
             else:
                 evaluation.plot(told, partial)
+    if table is not None:
+        with replacing(table) as partial:
+            evaluation.write_table(comparison, partial)
     if as_json:
         plain = {name: one.to_dict() for name, one in calibrations}
         console.emit_json(told.to_dict() | ({"calibration": plain} if plain else {}))
     else:
         _tell(comparison, runs)
         _tell_calibration(calibrations)
-        if plot is not None:
-            console.result(str(plot))
+        for written in filter(None, (plot, table)):
+            console.result(str(written))
     if require_success is not None:
         _require(require_success, comparison)
 
 
 def _tell(comparison: Comparison, runs: int) -> None:
+    """Every table that has a row."""
     from pipeline import evaluate as evaluation
 
     if comparison.keys:
-        console.result(columns(f"{runs} runs per row", comparison.table(), comparison.columns))
-        recoveries, headings = comparison.recovery_table(), comparison.recovery_columns
-        faults, fault_headings = comparison.fault_table(), comparison.fault_columns
-        certain, certain_headings = comparison.certainty_table(), comparison.certain_columns
+        of, main = "row", (comparison.table(), comparison.columns)
+        alone = comparison.agreement_table(), comparison.agreement_columns
+        recoveries = comparison.recovery_table(), comparison.recovery_columns
+        faults = comparison.fault_table(), comparison.fault_columns
+        certain = comparison.certainty_table(), comparison.certain_columns
     else:
         (done,) = comparison.evaluations
-        console.result(columns(f"{runs} runs per log", evaluation.table(done), evaluation.COLUMNS))
-        recoveries, headings = evaluation.recovery_table(done), evaluation.RECOVERY_COLUMNS
-        faults, fault_headings = evaluation.fault_table(done), evaluation.FAULT_COLUMNS
-        certain, certain_headings = evaluation.certainty_table(done), evaluation.CERTAIN_COLUMNS
-    if recoveries:
-        console.result(columns("kidnapped", recoveries, headings))
-    if faults:
-        console.result(columns("faults", faults, fault_headings))
-    if changes := comparison.change_table():
-        console.result(columns("maps made wrong", changes, evaluation.CHANGE_COLUMNS))
-    if any(done.config.filter == "grid" for done in comparison.evaluations):
-        console.result(columns("90 % of the belief at the true place", certain, certain_headings))
+        of, main = "log", (evaluation.table(done), evaluation.COLUMNS)
+        alone = evaluation.agreement_table(done), evaluation.AGREEMENT_COLUMNS
+        recoveries = evaluation.recovery_table(done), evaluation.RECOVERY_COLUMNS
+        faults = evaluation.fault_table(done), evaluation.FAULT_COLUMNS
+        certain = evaluation.certainty_table(done), evaluation.CERTAIN_COLUMNS
+    paired = comparison.paired_table(), comparison.paired_columns
+    if not any(done.config.filter == "grid" for done in comparison.evaluations):
+        certain = [], ()
+    for title, (rows, headings) in (
+        (f"{runs} runs per {of}", main),
+        ("the truth is not known: whether seeds agree, what is explained and what is stated", alone),
+        (f"seed by seed against {comparison.variants[0].label}", paired),
+        ("kidnapped", recoveries),
+        ("faults", faults),
+        ("maps made wrong", (comparison.change_table(), evaluation.CHANGE_COLUMNS)),
+        ("90 % of the belief at the true place", certain),
+    ):
+        if rows:
+            console.result(columns(title, rows, headings))
     _note_few(comparison)
 
 

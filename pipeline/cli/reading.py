@@ -147,6 +147,6 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
     opened = read(path, grid, reading.names)
     if opened.mcap is not None:
         console.note(f"note: {path}: read as a {opened.format}, by way of {opened.mcap}")
-    for remark in opened.remarks:
+    for remark in opened.log.remarks:
         console.note(one_line(f"note: {path}: {remark}"))
     return opened.log

@@ -44,7 +44,7 @@ def report(run: Replay, map_path: Path | None = None, config: str | None = None)
         ("end pose", f"x {x:.2f} m, y {y:.2f} m, yaw {math.degrees(yaw):.1f} deg"),
         ("explained by the map", f"{percent(run.explained)} of the beams"),
         *_against_truth(run.score),
-        ("wall time", f"{sum(run.seconds.values()):.2f} s ({parts})"),
+        ("wall time", f"{sum(run.seconds.values()):.2f} s for {run.log.duration:.1f} s of the log ({parts})"),
         ("speed", f"{run.speed:.0f} times real time"),
     ]
     console.note(facts(f"{run.log.name}, seed {run.seed}", rows))

@@ -1,6 +1,7 @@
 """Monte Carlo runs over seeds, scored against a reference trajectory."""
 
 from pipeline.evaluate.aftermath import FAULT_COLUMNS
+from pipeline.evaluate.agreement import Agreement
 from pipeline.evaluate.calibration import (
     REGION_COLUMNS,
     RELIABILITY_COLUMNS,
@@ -17,15 +18,17 @@ from pipeline.evaluate.failures import ANY, ENOUGH
 from pipeline.evaluate.perturbed import Change, parse_changes, perturb
 from pipeline.evaluate.plots import plot
 from pipeline.evaluate.recovery_plot import plot_recovery
-from pipeline.evaluate.report import (
+from pipeline.evaluate.report import Evaluation, LogEvaluation, Run
+from pipeline.evaluate.runs import compare, evaluate
+from pipeline.evaluate.table_file import check_table, write_table
+from pipeline.evaluate.tables import (
+    AGREEMENT_COLUMNS,
     CERTAIN_COLUMNS,
     CHANGE_COLUMNS,
     COLUMNS,
     COMPARE_COLUMNS,
     RECOVERY_COLUMNS,
-    Evaluation,
-    LogEvaluation,
-    Run,
+    agreement_table,
     certainty_table,
     change_table,
     compare_table,
@@ -33,10 +36,10 @@ from pipeline.evaluate.report import (
     recovery_table,
     table,
 )
-from pipeline.evaluate.runs import compare, evaluate
 from pipeline.evaluate.variants import Comparison, Variant, variants, with_changes, with_failures
 
 __all__ = [
+    "AGREEMENT_COLUMNS",
     "ANY",
     "CERTAIN_COLUMNS",
     "CHANGE_COLUMNS",
@@ -48,6 +51,7 @@ __all__ = [
     "REGION_COLUMNS",
     "RELIABILITY_COLUMNS",
     "SCORE_COLUMNS",
+    "Agreement",
     "Calibration",
     "Change",
     "Comparison",
@@ -55,9 +59,11 @@ __all__ = [
     "LogEvaluation",
     "Run",
     "Variant",
+    "agreement_table",
     "calibration",
     "certainty_table",
     "change_table",
+    "check_table",
     "compare",
     "compare_table",
     "evaluate",
@@ -76,4 +82,5 @@ __all__ = [
     "variants",
     "with_changes",
     "with_failures",
+    "write_table",
 ]

@@ -72,7 +72,8 @@ def _curve(panels: tuple[Axes, Axes, Axes], logs: list[LogEvaluation], k: int, l
     above = [100.0 * high - rate for rate, (_, high) in zip(rates, intervals, strict=True)]
     success, right, error = panels
     success.errorbar(shares, rates, yerr=[below, above], capsize=3, **style)
-    right.plot(shares, [100.0 * np.median([run.score.scans_right for run in log.runs]) for log in logs], **style)
+    medians = [log.over_runs(lambda score: score.scans_right) for log in logs]
+    right.plot(shares, [100.0 * each.median if each else np.nan for each in medians], **style)
     errors = [Summary.of(log.errors_since_found[0]) for log in logs]
     told = [(share, each.median) for share, each in zip(shares, errors, strict=True) if each is not None]
     error.plot([share for share, _ in told], [median for _, median in told], **style)

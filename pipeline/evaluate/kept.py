@@ -34,14 +34,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is scored of a run: ``poses`` (n, 3), ``weights`` (n,), ``covariances`` (n, 3, 3) and ``hindsight`` (n, 3)
-    as in RunResult; ``probability`` (n,) that each pose is right, as stated; ``lost_at`` (k,): scans at which the
-    filter said that it was lost; ``seconds``, ``elapsed``: of wall clock, by part and in all.
+    """What is scored of a run: ``poses`` (n, 3), ``weights`` (n,), ``explained`` (n,), ``covariances`` (n, 3, 3) and
+    ``hindsight`` (n, 3) as in RunResult; ``probability`` (n,) that each pose is right, as stated; ``lost_at`` (k,):
+    scans at which the filter said that it was lost; ``seconds``, ``elapsed``: of wall clock, by part and in all.
     """
 
     poses: Array
     weights: Array
     probability: Array
+    explained: Array
     covariances: Array
     hindsight: Array | None
     lost_at: NDArray[np.int64]
@@ -53,8 +54,8 @@ class Outcome:
         """Of a run that took so many seconds."""
         lost = [index for index, _, event in result.events if event.kind in TAKEOVERS]
         return cls(
-            result.poses, result.weights, stated_probability(result), result.covariances, result.hindsight,
-            np.array(lost, np.int64), dict(result.seconds), elapsed,
+            result.poses, result.weights, stated_probability(result), result.explained, result.covariances,
+            result.hindsight, np.array(lost, np.int64), dict(result.seconds), elapsed,
         )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,8 +32,8 @@ HIGHEST = 60_000
 """Pixels: no picture can be higher than 65,536, so one with very many rows gets smaller."""
 
 
-def plot(evaluations: Evaluation | Comparison, path: str | Path) -> None:
-    """Draw one row per log into the file ``path``, a PNG unless its suffix says otherwise; of a comparison log by log
+def plot(evaluations: Evaluation | Comparison, output: str | Path) -> None:
+    """Draw one row per log into the file ``output``, a PNG unless its suffix says otherwise; of a comparison log by log
     one row per variant."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -50,31 +51,68 @@ def plot(evaluations: Evaluation | Comparison, path: str | Path) -> None:
     rows = figure.subfigures(len(drawn), 1, squeeze=False)[:, 0]
     for row, (title, log) in zip(rows, drawn, strict=True):
         _draw(row, title, log)
-    figure.savefig(path)
+    figure.savefig(output)
 
 
 def _draw(figure: SubFigure, title: str, log: LogEvaluation) -> None:
+    told, shown = _told(log), _Shown.of(log)
     left, right = figure.subfigures(1, 2, squeeze=False)[0]
     position, heading = left.subplots(2, 1, sharex=True)
-    _errors(position, heading, log)
-    _map(right.subplots(), log)
+    _errors(position, heading, shown)
+    _map(right.subplots(), shown)
+    figure.suptitle(f"{title}: {told}", fontsize=14, fontweight="bold")
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """A log's runs and what they are drawn against: the truth, or, where nobody knows it, where most of them are.
+
+    ``good``: which of the runs succeed, or end where most do; the rest are the words for it.
+    """
+
+    log: LogEvaluation
+    good: tuple[bool, ...]
+    error: str
+    reference: str
+    well: str
+    badly: str
+
+    @classmethod
+    def of(cls, log: LogEvaluation) -> _Shown:
+        if log.scored or log.agreement is None:
+            good = tuple(run.success for run in log.runs)
+            return cls(log, good, "error", "reference", "succeed", "fail")
+        middle = log.agreement.middle
+        runs = tuple(replace(run, truth=middle) for run in log.runs)
+        good = tuple(log.agreement.with_middle[:, -1].tolist())
+        drawn = replace(log, truth=middle, runs=runs)
+        return cls(drawn, good, "from most runs", "where most runs are", "end there", "end elsewhere")
+
+
+def _told(log: LogEvaluation) -> str:
+    if not log.scored and log.agreement is not None:
+        together = log.agreement.all.together
+        said = (
+            "one run" if together is None else f"{len(log.runs)} runs, together at {100 * together:.0f} % of the scans"
+        )
+        return f"{said}; the truth is not known"
     error = Summary.of(log.errors_since_found[0])
     median = f"median error {error.median:.2f} m" if error else "never localized"
-    rate = f"{log.successes} of {len(log.runs)} runs succeed ({100 * log.success_rate:.0f} %)"
-    figure.suptitle(f"{title}: {rate}, {median}", fontsize=14, fontweight="bold")
+    return f"{log.successes} of {len(log.runs)} runs succeed ({100 * log.success_rate:.0f} %), {median}"
 
 
-def _errors(position: Axes, heading: Axes, log: LogEvaluation) -> None:
+def _errors(position: Axes, heading: Axes, shown: _Shown) -> None:
+    log = shown.log
     curves = [
         [np.column_stack([run.times, error])[_thin(len(run.times))] for error in _floored(run.poses, run.truth)]
         for run in log.runs
     ]
     for axes, k, limit, label in (
-        (position, 0, LOCALIZED[0], "position error (m)"),
-        (heading, 1, float(np.degrees(LOCALIZED[1])), "heading error (deg)"),
+        (position, 0, LOCALIZED[0], f"position {shown.error} (m)"),
+        (heading, 1, float(np.degrees(LOCALIZED[1])), f"heading {shown.error} (deg)"),
     ):
-        _lines(axes, [c[k] for c in curves], log)
-        _median(axes, [c[k] for c in curves], log)
+        _lines(axes, [c[k] for c in curves], shown)
+        _median(axes, [c[k] for c in curves], shown)
         axes.axhline(limit, color=LIMIT, linewidth=1, linestyle="--", zorder=1)
         axes.annotate(
             f"{limit:g} {'m' if k == 0 else 'deg'}", (1, limit), (-4, 3), ("axes fraction", "data"), "offset points",
@@ -94,14 +132,16 @@ def _errors(position: Axes, heading: Axes, log: LogEvaluation) -> None:
     heading.set_xlabel("time since the first scan (s)" + (", dotted: kidnapped" if log.kidnapped_at else ""))
 
 
-def _map(axes: Axes, log: LogEvaluation) -> None:
+def _map(axes: Axes, shown: _Shown) -> None:
+    log = shown.log
     truth = log.truth[known(log.truth)]
     if log.grid is not None:
-        _grid(axes, log.grid)
-    _lines(axes, [_path(run.poses[known(run.truth)]) for run in log.runs], log)
-    axes.plot(*_path(truth).T, color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), zorder=4)
+        draw_grid(axes, log.grid)
+    _lines(axes, [path(run.poses[known(run.truth)]) for run in log.runs], shown)
+    axes.plot(*path(truth).T, color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), zorder=4)
     for good, colour, marker in ((False, BAD, "X"), (True, GOOD, "o")):
-        ends = np.array([run.poses[known(run.truth)][-1, :2] for run in log.runs if run.score.success == good])
+        chosen = [run for run, is_good in zip(log.runs, shown.good, strict=True) if is_good == good]
+        ends = np.array([run.poses[known(run.truth)][-1, :2] for run in chosen])
         if len(ends):
             axes.scatter(
                 ends[:, 0], ends[:, 1], s=42, c=colour, marker=marker, edgecolors="white", linewidths=0.7, zorder=5
@@ -109,19 +149,14 @@ def _map(axes: Axes, log: LogEvaluation) -> None:
     axes.scatter(truth[0, 0], truth[0, 1], s=110, c="white", marker="s", edgecolors=TRUTH, linewidths=1.5, zorder=6)
     axes.scatter(truth[-1, 0], truth[-1, 1], s=130, c="white", marker="*", edgecolors=TRUTH, linewidths=1.2, zorder=6)
     _frame(axes, log, truth)
-    _legend(axes, log)
+    _legend(axes, shown)
 
 
 def _frame(axes: Axes, log: LogEvaluation, truth: Array) -> None:
     """Show the known part of the map (or the reference alone), not the ocean around it."""
     corners = truth[:, :2]
     if log.grid is not None and log.grid.known.any():
-        rows, columns = np.nonzero(log.grid.known)
-        low, high = (
-            log.grid.resolution * np.array([limit(columns), limit(rows)]) for limit in (np.min, lambda i: np.max(i) + 1)
-        )
-        box = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-        corners = np.vstack([corners, log.grid.to_map(box)[:, :2]])
+        corners = np.vstack([corners, *log.grid.known_area])
     low, high = corners.min(axis=0), corners.max(axis=0)
     margin = 0.02 * float(np.max(high - low)) + 0.5
     axes.set_xlim(low[0] - margin, high[0] + margin)
@@ -134,7 +169,8 @@ def _frame(axes: Axes, log: LogEvaluation, truth: Array) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _grid(axes: Axes, grid: OccupancyGrid) -> None:
+def draw_grid(axes: Axes, grid: OccupancyGrid) -> None:
+    """The whole map in grey, in metres of the map frame; light enough to see paths on its walls."""
     from matplotlib.transforms import Affine2D
 
     x, y, yaw = grid.origin
@@ -148,44 +184,42 @@ def _grid(axes: Axes, grid: OccupancyGrid) -> None:
     )  # fmt: skip
 
 
-def _legend(axes: Axes, log: LogEvaluation) -> None:
+def _legend(axes: Axes, shown: _Shown) -> None:
     from matplotlib.lines import Line2D
 
-    failed = len(log.runs) - log.successes
+    well = sum(shown.good)
+    badly = len(shown.good) - well
     dot: dict[str, Any] = {"linestyle": "none", "markeredgecolor": TRUTH, "markerfacecolor": "white"}
     entries = [
-        Line2D([], [], color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), label="reference"),
+        Line2D([], [], color=TRUTH, linewidth=1.2, linestyle=(0, (5, 2)), label=shown.reference),
         Line2D([], [], marker="s", markersize=7, label="its start", **dot),
         Line2D([], [], marker="*", markersize=12, label="its end", **dot),
     ]
-    if log.successes:
-        entries.append(
-            Line2D([], [], color=GOOD, marker="o", markeredgecolor="white", label=f"{log.successes} succeed")
-        )
-    if failed:
-        entries.append(Line2D([], [], color=BAD, marker="X", markeredgecolor="white", label=f"{failed} fail"))
+    for runs, colour, marker, does in ((well, GOOD, "o", shown.well), (badly, BAD, "X", shown.badly)):
+        if runs:
+            entries.append(Line2D([], [], color=colour, marker=marker, markeredgecolor="white", label=f"{runs} {does}"))
     axes.figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), frameon=False)
 
 
-def _lines(axes: Axes, curves: Sequence[Array], log: LogEvaluation) -> None:
-    """One line per run, those that failed below those that succeeded."""
+def _lines(axes: Axes, curves: Sequence[Array], shown: _Shown) -> None:
+    """One line per run, those that failed, or ended elsewhere, below the others."""
     from matplotlib.collections import LineCollection
 
     alpha = float(np.clip(6 / len(curves), 0.12, 0.8))
     for good, colour in ((False, BAD), (True, GOOD)):
-        chosen = [curve for curve, run in zip(curves, log.runs, strict=True) if run.score.success == good]
+        chosen = [curve for curve, is_good in zip(curves, shown.good, strict=True) if is_good == good]
         axes.add_collection(LineCollection(chosen, colors=colour, linewidths=0.9, alpha=alpha, zorder=3))
 
 
-def _median(axes: Axes, curves: Sequence[Array], log: LogEvaluation) -> None:
-    """The median over the runs that succeed, scan by scan, where there are enough of them to need one."""
+def _median(axes: Axes, curves: Sequence[Array], shown: _Shown) -> None:
+    """The median over the good runs, scan by scan, where there are enough of them to need one."""
     from matplotlib.patheffects import Normal, Stroke
 
-    chosen = [curve for curve, run in zip(curves, log.runs, strict=True) if run.score.success]
+    chosen = [curve for curve, is_good in zip(curves, shown.good, strict=True) if is_good]
     if len(chosen) >= 5 and all(len(curve) == len(chosen[0]) for curve in chosen):
         time, error = chosen[0][:, 0], np.median([curve[:, 1] for curve in chosen], axis=0)
         rim = [Stroke(linewidth=3.2, foreground="white"), Normal()]
-        label = "median of the runs that succeed"
+        label = f"median of the runs that {shown.well}"
         axes.plot(time, error, color=TRUTH, linewidth=1.4, path_effects=rim, zorder=4, label=label)
 
 
@@ -199,7 +233,7 @@ def _thin(n: int) -> slice[Any, Any, Any]:
     return slice(None, None, max(1, -(-n // POINTS)))
 
 
-def _path(poses: Array) -> Array:
+def path(poses: Array) -> Array:
     """x and y of poses (n, 3), with a row of NaN wherever the path jumps."""
     points = poses[_thin(len(poses)), :2]
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)

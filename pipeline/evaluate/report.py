@@ -1,4 +1,4 @@
-"""What an evaluation found: per run, per log, and as the tables that people compare."""
+"""What an evaluation found: per run, per log, and in all."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pipeline.config import Config
-from pipeline.evaluate.aftermath import Aftermath, Row, aftermath_row, plain_aftermath
+from pipeline.data_frame import data_frame
+from pipeline.evaluate.aftermath import Aftermath, plain_aftermath
+from pipeline.evaluate.agreement import Agreement, agreement
 from pipeline.evaluate.failures import ANY, FAILURES
 from pipeline.evaluate.metrics import (
     Array,
+    Recovery,
     Score,
     Summary,
     is_localized,
@@ -27,47 +30,22 @@ from pipeline.evaluate.metrics import (
 from pipeline.evaluate.perturbed import Change
 from pipeline.maps.occupancy_grid import OccupancyGrid
 
-COLUMNS = (
-    "log",
-    "success",
-    "95 % CI",
-    "found (s)",
-    "p95",
-    "error (m)",
-    "p95",
-    "RMSE",
-    "(deg)",
-    "p95",
-    "right (%)",
-    "after (%)",
-    "ATE (m)",
-    "speed",
-)
-"""Headings of ``table``: medians, but for p95 and RMSE of what is to their left.
-
-"right": scans localized, of all from the first one on; "after": of those since the robot was found.
-"""
-COMPARE_COLUMNS = ("log", "configuration", *COLUMNS[1:])
-"""Headings of ``compare_table``."""
-RECOVERY_COLUMNS = ("log", "kidnapped at (s)", "recovered", "after (s)", "p95")
-"""Headings of ``recovery_table``."""
-CHANGE_COLUMNS = ("log", "map", "asked (%)", "changed (%)", "least", "most")
-"""Headings of ``change_table``: of the seen wall; changed: mean over runs."""
-CERTAIN_COLUMNS = ("log", "certain", "after (s)", "p95")
-"""Headings of ``certainty_table``."""
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
 class Run:
     """One seed on one log: ``poses`` (n, 3) m and rad, base_link in map; ``seconds`` of wall clock by part.
 
-    ``times`` (n,), ``truth`` (n, 3): of the scans that it was given, which faults may have left out or moved;
-    ``faults``: what followed each of them. ``probability`` (n,): that the pose is right, as the run stated it at every
-    scan; ``covariances`` (n, 3, 3): of the poses. ``map_changed``: the share of the seen wall that was changed, if any.
+    ``score``: None where nobody knows the truth. ``times`` (n,), ``truth`` (n, 3): of the scans that it was given,
+    which faults may have left out or moved; ``faults``: what followed each of them. ``probability`` (n,): that the pose
+    is right, as the run stated it at every scan; ``covariances`` (n, 3, 3): of the poses; ``explained`` (n,): shares of
+    the beams that the map explains. ``map_changed``: the share of the seen wall that was changed, if any.
     """
 
     seed: int
-    score: Score
+    score: Score | None
     poses: Array
     seconds: Mapping[str, float]
     speed: float
@@ -76,13 +54,38 @@ class Run:
     truth: Array
     probability: Array
     covariances: Array
+    explained: Array
     faults: tuple[Aftermath, ...] = ()
     map_changed: float | None = None
+
+    def __repr__(self) -> str:
+        if self.score is None:
+            return f"Run(seed {self.seed}: {len(self.times):,} scans, truth not known)"
+        right = f"{100 * self.score.scans_right:.1f} % of the scans right"
+        return f"Run(seed {self.seed}: {'succeeds' if self.success else 'fails'}, {right})"
+
+    @property
+    def success(self) -> bool:
+        """Whether it succeeded; False where nobody knows."""
+        return self.score is not None and self.score.success
+
+    @property
+    def recoveries(self) -> tuple[Recovery, ...]:
+        """What followed each kidnapping."""
+        return () if self.score is None else self.score.recoveries
+
+    @property
+    def wall(self) -> float:
+        """Seconds of wall clock that it took."""
+        return float(self.times[-1]) / self.speed
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, without the poses."""
         faults = [asdict(fault) for fault in self.faults]
-        plain = {"seed": self.seed, **self.score.to_dict(), "speed": self.speed, "seconds": dict(self.seconds)}
+        scored = {} if self.score is None else self.score.to_dict()
+        told = {"stated": float(np.mean(self.probability)), "explained": float(np.mean(self.explained))}
+        clock = {"wall": self.wall, "speed": self.speed, "seconds": dict(self.seconds)}
+        plain = {"seed": self.seed, **scored, **told, **clock}
         changed = {} if self.map_changed is None else {"map_changed": self.map_changed}
         return plain | ({"faults": faults} if faults else {}) | changed
 
@@ -98,10 +101,35 @@ class LogEvaluation:
     grid: OccupancyGrid | None
     runs: tuple[Run, ...]
 
+    def __repr__(self) -> str:
+        done = f"{self.successes} of {len(self.runs)} runs succeed" if self.scored else f"{len(self.runs)} runs"
+        return f"LogEvaluation({self.name!r}: {done}{'' if self.scored else ', truth not known'})"
+
+    @property
+    def scored(self) -> bool:
+        """Whether the truth is known, so that runs have scores."""
+        return self.runs[0].score is not None
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the log's first scan to its last."""
+        return float(self.times[-1])
+
+    @property
+    def wall(self) -> float:
+        """Seconds of wall clock that a run took, the median."""
+        return float(np.median([run.wall for run in self.runs]))
+
+    @cached_property
+    def agreement(self) -> Agreement | None:
+        """What the runs tell without the truth; None where each had a log of its own, with faults made in it."""
+        alike = all(np.array_equal(run.times, self.times) and not run.faults for run in self.runs)
+        return agreement(self.runs) if alike else None
+
     @property
     def successes(self) -> int:
         """Runs that succeeded."""
-        return sum(run.score.success for run in self.runs)
+        return sum(run.success for run in self.runs)
 
     @property
     def success_rate(self) -> float:
@@ -112,8 +140,8 @@ class LogEvaluation:
     def errors_since_found(self) -> tuple[Array, Array]:
         """Position errors (m) and heading errors (degrees) since the robot was found, the scans of all runs in one."""
         position, heading = [np.zeros(0)], [np.zeros(0)]
-        for run in self.runs:
-            errors, kidnapped_at = pose_errors(run.poses, run.truth), [r.kidnapped_at for r in run.score.recoveries]
+        for run in self.runs if self.scored else ():
+            errors, kidnapped_at = pose_errors(run.poses, run.truth), [r.kidnapped_at for r in run.recoveries]
             since_found = search(run.times, is_localized(*errors), known(run.truth), kidnapped_at)[1]
             position.append(errors[0][since_found])
             heading.append(np.degrees(errors[1][since_found]))
@@ -123,7 +151,7 @@ class LogEvaluation:
     def recoveries(self) -> list[tuple[float, int, Summary | None]]:
         """For each kidnapping: when it was (s), the runs that recovered, and after how many seconds."""
         by_kidnapping = [
-            (at, [r for run in self.runs for r in run.score.recoveries if r.kidnapped_at == at])
+            (at, [r for run in self.runs for r in run.recoveries if r.kidnapped_at == at])
             for at in sorted(self.kidnapped_at)
         ]
         return [
@@ -148,13 +176,20 @@ class LogEvaluation:
 
     def over_runs(self, value: Callable[[Score], float | None]) -> Summary | None:
         """Summary, over the runs that have it, of one number of their scores."""
-        return Summary.of([number for run in self.runs if (number := value(run.score)) is not None])
+        scores = [run.score for run in self.runs if run.score is not None]
+        return Summary.of([number for score in scores if (number := value(score)) is not None])
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values: metres, degrees, seconds; None where no run has the figure.
 
         Errors are those since the robot was found, pooled over the scans of all runs; every other summary is over runs.
+        Where the truth is not known there is only what the runs tell of themselves.
         """
+        told = {} if self.agreement is None else {"agreement": self.agreement.to_dict()}
+        clock = {"duration": self.duration, "wall": self.wall, "speed": self.speed}
+        seeds = [run.to_dict() for run in self.runs]
+        if not self.scored:
+            return {"runs": len(self.runs), "successes": None, **told, **clock, "seeds": seeds}
         position, heading = (Summary.of(errors) for errors in self.errors_since_found)
         recoveries = [
             {"kidnapped_at": at, "recovered": recovered, "time": _plain(time)}
@@ -176,13 +211,14 @@ class LogEvaluation:
             "ate_after": _plain(self.over_runs(lambda score: score.ate_after)),
             "recoveries": recoveries,
             **({"faults": faults} if (faults := [plain_aftermath(*each) for each in self.faults]) else {}),
-            "false_alarms": sum(run.score.false_alarms for run in self.runs),
+            "false_alarms": sum(run.score.false_alarms for run in self.runs if run.score is not None),
             "hindsight_start_position_error": _plain(
                 self.over_runs(lambda score: score.hindsight_start_position_error)
             ),
             "hindsight_ate": _plain(self.over_runs(lambda score: score.hindsight_ate)),
-            "speed": self.speed,
-            "seeds": [run.to_dict() for run in self.runs],
+            **told,
+            **clock,
+            "seeds": seeds,
         }
 
 
@@ -198,6 +234,13 @@ class Evaluation:
     versions: Mapping[str, str]
     failures: float | None = None
     change: Change | None = None
+
+    def __repr__(self) -> str:
+        return f"Evaluation({', '.join(repr(log) for log in self.logs)})"
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per log and seed: what ``Run.to_dict`` tells, but for lists. Raises MclError without pandas."""
+        return runs_frame([({}, self)])
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values, ready for JSON; two logs of the same name are told apart by a number."""
@@ -224,80 +267,27 @@ def versions() -> dict[str, str]:
     return found
 
 
-# --- tables -------------------------------------------------------------------------------------------------------
-
-
-def table(evaluation: Evaluation) -> list[Row]:
-    """One row of strings per log, under COLUMNS."""
-    return [_row(log) for log in evaluation.logs]
-
-
-def compare_table(evaluations: Sequence[tuple[str, Evaluation]]) -> list[Row]:
-    """Log by log one row of strings per named evaluation, under COMPARE_COLUMNS."""
-    names = dict.fromkeys(log.name for _, evaluation in evaluations for log in evaluation.logs)
-    return [
-        (name, label, *_row(log)[1:])
-        for name in names
-        for label, evaluation in evaluations
+def runs_frame(labelled: Sequence[tuple[Mapping[str, str], Evaluation]]) -> pd.DataFrame:
+    """A row per log, evaluation and seed, with what tells evaluations apart. Raises MclError without pandas."""
+    rows = [
+        {"log": log.name, **labels, **_flat(run.to_dict())}
+        for labels, evaluation in labelled
         for log in evaluation.logs
-        if log.name == name
+        for run in log.runs
     ]
+    names = dict.fromkeys(name for row in rows for name in row)
+    return data_frame({name: [row.get(name) for row in rows] for name in names})
 
 
-def recovery_table(evaluation: Evaluation) -> list[Row]:
-    """One row of strings per log and kidnapping, under RECOVERY_COLUMNS; empty where nobody was kidnapped."""
-    return [
-        (log.name, f"{at:.1f}", f"{recovered}/{len(log.runs)}", *_figures(time, ".1f", "median", "p95"))
-        for log in evaluation.logs
-        for at, recovered, time in log.recoveries
-    ]
-
-
-def fault_table(evaluation: Evaluation) -> list[Row]:
-    """One row of strings per log and fault, under FAULT_COLUMNS; empty where there were none."""
-    return [(log.name, *aftermath_row(*each)) for log in evaluation.logs for each in log.faults]
-
-
-def change_table(evaluation: Evaluation) -> list[Row]:
-    """One row of strings per log, under CHANGE_COLUMNS: how much of the seen wall was changed; empty if none was."""
-    if (change := evaluation.change) is None:
-        return []
-    return [
-        (log.name, change.kind, f"{100 * change.share:g}",
-         *(f"{100 * share:.1f}" for share in (sum(shares) / len(shares), min(shares), max(shares))))
-        for log in evaluation.logs
-        if (shares := [run.map_changed or 0.0 for run in log.runs])
-    ]  # fmt: skip
-
-
-def certainty_table(evaluation: Evaluation) -> list[Row]:
-    """One row of strings per log, under CERTAIN_COLUMNS: in how many runs 90 % of the belief came to the true place."""
-    return [
-        (log.name, f"{sum(run.score.certain_at is not None for run in log.runs)}/{len(log.runs)}",
-         *_figures(log.over_runs(lambda score: score.certain_at), ".1f", "median", "p95"))
-        for log in evaluation.logs
-    ]  # fmt: skip
-
-
-def _row(log: LogEvaluation) -> Row:
-    position, heading = (Summary.of(errors) for errors in log.errors_since_found)
-    low, high = wilson_interval(log.successes, len(log.runs))
-    return (
-        log.name,
-        f"{log.successes}/{len(log.runs)}",
-        f"{100 * low:.0f}-{100 * high:.0f}",
-        *_figures(log.over_runs(lambda score: score.time_to_localize), ".1f", "median", "p95"),
-        *_figures(position, ".2f", "median", "p95", "rmse"),
-        *_figures(heading, ".1f", "median", "p95"),
-        *_figures(log.over_runs(lambda score: score.scans_right), ".1%", "median"),
-        *_figures(log.over_runs(lambda score: score.localized_after), ".1%", "median"),
-        *_figures(log.over_runs(lambda score: score.ate), ".2f", "median"),
-        f"{log.speed:.0f}",
-    )
-
-
-def _figures(summary: Summary | None, form: str, *names: str) -> Row:
-    return tuple("-" if summary is None else format(getattr(summary, name), form).rstrip("%") for name in names)
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """The same without mappings in it, whose keys are joined to their own name by an underscore, and without lists."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}_")
+        elif not isinstance(value, list | tuple):
+            flat[f"{prefix}{key}"] = value
+    return flat
 
 
 def _plain(summary: Summary | None) -> dict[str, float] | None:

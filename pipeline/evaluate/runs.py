@@ -52,11 +52,16 @@ class Progress(Protocol):
 
 @dataclass(frozen=True)
 class _Case:
-    """A log and what its runs are scored against."""
+    """A log and what its runs are scored against: ``truth`` (n, 3), NaN where nobody knows it."""
 
     log: Log
     truth: Array
     kidnapped_at: tuple[float, ...]
+
+    @property
+    def scored(self) -> bool:
+        """Whether anything of the truth is known."""
+        return bool(known(self.truth).any())
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,9 @@ def compare(
     ``draw_failures`` places them, one number or None for each of ``configs``; ``changes``: how ``perturb`` changes the
     maps, drawn anew by the seed of each run, likewise. ``keep``: a folder in which every finished run is kept, and from
     which it is taken instead of being run again.
-    Raises MclError for a log without reference, a reference that does not overlap it in time, and what the runs raise.
+    Where neither knows the truth, runs are not scored, and ``agreement`` has what they tell of themselves. Raises
+    MclError for a reference that does not overlap the log in time, for faults, failures and changes of the map where
+    the truth is not known, and what the runs raise.
     """
     if runs < 1:
         raise MclError(f"runs: expected at least 1, got {runs}")
@@ -165,7 +172,7 @@ def _case(log: Log, reference: Trajectory | None, frame: str, kidnapped_at: Sequ
     if reference is None:
         reference = log.ground_truth
         if reference is None:
-            raise MclError("the log has no ground truth to score against", "give --reference truth.tum", path=log.path)
+            return _Case(log, np.full((len(log), 3), np.nan), ())
     elif frame == "laser":
         reference = laser_to_base(reference, log.laser.pose)
     truth = interpolate(reference, log.stamps)
@@ -183,6 +190,11 @@ def _case(log: Log, reference: Trajectory | None, frame: str, kidnapped_at: Sequ
 def _check(work: _Work, seed: int) -> None:
     """What would be wrong with the faults is known before any run."""
     for case in work.cases:
+        if (work.faults or any(work.failures) or any(work.changes)) and not case.scored:
+            raise MclError(
+                "what is made wrong on purpose is judged by the truth, which this log does not know",
+                "give --reference truth.tum", path=case.log.path,
+            )  # fmt: skip
         own = noted(case.log.metadata)
         if any(rate is not None for rate in work.failures) and (case.kidnapped_at or own or _jumps(work.faults)):
             hint = "give the log as it was recorded"
@@ -235,15 +247,17 @@ def _run(work: _Work, task: Task) -> Run:
     case, faults = _disturbed(work.cases[task[1]], work.faults, rate, seed)
     case, changed = _changed(case, config, work.changes[task[0]], seed)
     result = _outcome(work, case.log, config, seed, throwaway=bool(changed))
-    scored = score(
-        case.log.times,
-        result.poses,
-        case.truth,
-        kidnapped_at=case.kidnapped_at,
-        lost_at=result.lost_at.tolist(),
-        hindsight=result.hindsight,
-        weights=result.weights,
-    )
+    scored = None
+    if case.scored:
+        scored = score(
+            case.log.times,
+            result.poses,
+            case.truth,
+            kidnapped_at=case.kidnapped_at,
+            lost_at=result.lost_at.tolist(),
+            hindsight=result.hindsight,
+            weights=result.weights,
+        )
     times, limits = case.log.times, LOCALIZED if rate is None else RECOVERED
     return Run(
         seed,
@@ -255,8 +269,9 @@ def _run(work: _Work, task: Task) -> Run:
         truth=case.truth,
         probability=result.probability,
         covariances=result.covariances,
+        explained=result.explained,
         map_changed=changed,
-        faults=aftermaths(times, result.poses, case.truth, faults, limits),
+        faults=aftermaths(times, result.poses, case.truth, faults, limits) if case.scored else (),
     )
 
 

@@ -6,24 +6,31 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 from pipeline.config import ALIASES, Config, check_name
 from pipeline.errors import MclError
 from pipeline.evaluate.aftermath import FAULT_COLUMNS, Row
+from pipeline.evaluate.paired import PAIRED_COLUMNS, Paired, paired, paired_row
 from pipeline.evaluate.perturbed import Change
-from pipeline.evaluate.report import (
+from pipeline.evaluate.report import Evaluation, runs_frame
+from pipeline.evaluate.tables import (
+    AGREEMENT_COLUMNS,
     CERTAIN_COLUMNS,
     COLUMNS,
     RECOVERY_COLUMNS,
-    Evaluation,
+    agreement_table,
     certainty_table,
     change_table,
     compare_table,
     fault_table,
     recovery_table,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PER_METRE = "failures per metre"
 """What a comparison calls the rate of failures that it varies."""
@@ -107,14 +114,54 @@ class Comparison:
         """Variant by variant, one row of strings per log."""
         return [(row[0], label, *row[1:]) for label, done in self.labelled for row in certainty_table(done)]
 
+    @property
+    def agreement_columns(self) -> Row:
+        """Headings of ``agreement_table``."""
+        return (AGREEMENT_COLUMNS[0], ", ".join(self.keys), *AGREEMENT_COLUMNS[1:])
+
+    def agreement_table(self) -> list[Row]:
+        """Variant by variant, one row of strings per log whose truth is not known."""
+        return [(row[0], label, *row[1:]) for label, done in self.labelled for row in agreement_table(done)]
+
+    @cached_property
+    def paired(self) -> tuple[Paired, ...]:
+        """Log by log, each variant but the first against the first one, seed by seed; of logs whose truth is known."""
+        (_, first), *others = self.labelled
+        return tuple(
+            paired(log, other.logs[k], label)
+            for k, log in enumerate(first.logs)
+            for label, other in others
+            if log.scored
+        )
+
+    @property
+    def paired_columns(self) -> Row:
+        """Headings of ``paired_table``."""
+        return (PAIRED_COLUMNS[0], ", ".join(self.keys), *PAIRED_COLUMNS[1:])
+
+    def paired_table(self) -> list[Row]:
+        """One row of strings for each of ``paired``."""
+        return [paired_row(each) for each in self.paired]
+
+    def __repr__(self) -> str:
+        labels, logs = "; ".join(variant.label for variant in self.variants), len(self.evaluations[0].logs)
+        return f"Comparison({', '.join(self.keys)}: {labels}; {logs} {'log' if logs == 1 else 'logs'})"
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per variant, log and seed: its values, what ``Run.to_dict`` tells. Raises MclError without pandas."""
+        named = [dict(zip(self.keys, variant.values, strict=True)) for variant in self.variants]
+        return runs_frame(list(zip(named, self.evaluations, strict=True)))
+
     def to_dict(self) -> dict[str, Any]:
-        """As plain values, ready for JSON: what is varied, and per variant its values and its evaluation."""
+        """As plain values, ready for JSON: what is varied, per variant its values and its evaluation, and how they
+        compare seed by seed."""
         variants = []
-        for done in self.evaluations:
+        for variant, done in zip(self.variants, self.evaluations, strict=True):
             plain = done.to_dict()
             values = plain["config"] | {PER_METRE: done.failures, MAP: done.change and done.change.text}
-            variants.append({"values": {key: values[key] for key in self.keys}, **plain})
-        return {"vary": list(self.keys), "variants": variants}
+            named = {key: values.get(key, typed) for key, typed in zip(self.keys, variant.values, strict=True)}
+            variants.append({"values": named, **plain})
+        return {"vary": list(self.keys), "variants": variants, "paired": [asdict(each) for each in self.paired]}
 
 
 def with_failures(

@@ -55,10 +55,10 @@ def check(output: Path, wishes: Wishes, *, force: bool = False) -> None:
 
 
 def export(
-    run: Run, output: Path, wishes: Wishes | None = None, *, force: bool = False, progress: Progress | None = None
+    run: Run, output: Path | str, wishes: Wishes | None = None, *, force: bool = False, progress: Progress | None = None
 ) -> None:
     """Write a picture, a movie or a table of the run, as the suffix of ``output`` says. Raises MclError as `check`."""
-    wishes = wishes or Wishes()
+    output, wishes = Path(output), wishes or Wishes()
     check(output, wishes, force=force)
     with replacing(output) as partial:
         kind = output.suffix.lower()

@@ -6,14 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.data_frame import data_frame
 from pipeline.errors import MclError
 from pipeline.inspect import Inspection, inspect_file, open_recording
+from pipeline.maps.picture import css, figure, map_svg
+from pipeline.recording import palette
 from pipeline.recording.rrd_file import RrdFile
 from pipeline.recording.scenes import Scenes, read_scenes
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TITLES = {"converged": "converged", "diverged": "spread out again", "lost": "lost", "found": "found"}
 """Kinds of events that get a picture, and what it is called."""
@@ -40,6 +47,26 @@ class Run:
     scenes: Scenes
     file: RrdFile
 
+    def __repr__(self) -> str:
+        told = self.told
+        converged = "never converged" if told.converged_at is None else f"converged at {told.converged_at:.1f} s"
+        damaged = f"; {told.damage}" if told.damage else ""
+        return (
+            f"Run({self.name!r}, seed {self.seed}: {told.scans:,} scans in {told.duration:.1f} s; {converged}{damaged})"
+        )
+
+    def _repr_html_(self) -> str:
+        truth = [("where it was", self.scenes.truth, css(palette.TRUTH))]
+        paths = [*truth, ("where it was believed to be", self.told.poses, css(palette.ESTIMATE))]
+        return figure(map_svg(self.scenes.grid, paths), repr(self))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per scan, as ``mcl export RUN -o OUT.csv`` writes them. Raises MclError without pandas."""
+        from pipeline.export.tables import scans_table
+
+        table = scans_table(self)
+        return data_frame({name: table[name].to_numpy() for name in table.column_names})
+
     @property
     def name(self) -> str:
         """The log's."""
@@ -53,11 +80,8 @@ class Run:
     @cached_property
     def area(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Lowest and highest (x, y) worth showing, m in the map frame."""
-        grid = self.scenes.grid
-        rows, columns = np.nonzero(grid.known) if grid.known.any() else np.nonzero(np.isnan(grid.occupancy))
-        x, y = ((grid.resolution * np.array([k.min(), k.max() + 1])) for k in (columns, rows))
-        corners = grid.to_map([(i, j, 0.0) for i in x for j in y])[:, :2]
-        return corners.min(axis=0) - MARGIN, corners.max(axis=0) + MARGIN
+        low, high = self.scenes.grid.known_area
+        return low - MARGIN, high + MARGIN
 
     def at(self, time: float) -> Moment:
         """The moment so many seconds after the first scan; MclError outside of the recording."""

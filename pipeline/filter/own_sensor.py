@@ -111,9 +111,15 @@ class OwnLikelihood:
         out[:] = np.maximum(np.nan_to_num(answer, nan=least, posinf=least, neginf=least), least)
 
 
-def beam_density(config: Config, max_range: float, grid: OccupancyGrid, laser: Laser) -> BeamDensity:
-    """The beam model that ``config.sensor_model`` names; the built-in one if it names no beam model."""
-    own = config.own_part("sensor_model", max_range=max_range, grid=grid, laser=laser)
+def beam_density(
+    config: Config, max_range: float, grid: OccupancyGrid | None = None, laser: Laser | None = None
+) -> BeamDensity:
+    """The beam model that ``config.sensor_model`` names; the built-in one if it names no beam model.
+
+    ``grid`` and ``laser``: for a model of the user's own that asks for them.
+    """
+    known = {name: value for name, value in (("grid", grid), ("laser", laser)) if value is not None}
+    own = config.own_part("sensor_model", max_range=max_range, **known)
     if own is not None and own.method.name == "density":
         return OwnDensity(own, max_range)
     return Mixture(config, max_range)

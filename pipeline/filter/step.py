@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.data_frame import data_frame
+
 if TYPE_CHECKING:  # whoever only reads steps must not wait for numba
+    import pandas as pd
+
     from pipeline.judgement.verdict import Verdict
     from pipeline.motion.prior import Prior
     from pipeline.motion.witnesses import Motion
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True)
@@ -26,6 +33,14 @@ class Estimate:
     covariance: NDArray[np.float64]
     weight: float = 1.0
     name: str = ""
+
+    def __repr__(self) -> str:
+        x, y, yaw = self.pose
+        sigmas = np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0))
+        return (
+            f"Estimate(({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg, sigma {sigmas[0]:.2f} m, {sigmas[1]:.2f} m, "
+            f"{math.degrees(sigmas[2]):.1f} deg, {100 * self.weight:.0f} % of the belief)"
+        )
 
 
 @dataclass(frozen=True)
@@ -44,6 +59,11 @@ class Beams:
     expected: NDArray[np.float32]
     worth: float = 0.0
 
+    def __repr__(self) -> str:
+        x, y, yaw = self.laser
+        where = f"({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg"
+        return f"Beams({len(self.measured)} from {where}, worth {self.worth:.2f} nats each)"
+
 
 TAKEOVERS = ("lost", "changed")
 """Kinds of events at which another place took the estimate's: the first of a loss, and any more until it is found."""
@@ -61,7 +81,11 @@ class Event:
 
 @dataclass(frozen=True)
 class Step:
-    """One update of the filter. ``particles`` and ``log_weights`` are read-only views, valid until the next update.
+    """One update of the filter; its arrays are read-only.
+
+    As the filter returns it, ``particles``, ``log_weights`` and ``walls`` are views that the next update changes.
+    Whoever gets steps from outside of the filter, a sink or who iterates over ``Localizer``, gets ``own()``, which
+    nothing changes any more.
 
     ``particles``: (n, 3) float32, x, y, yaw in the map frame; ``log_weights``: (n,) float64, normalised so that
     the weights sum to one, before resampling; ``clusters``: the hypotheses, heaviest first, ``estimate`` is the first.
@@ -78,7 +102,7 @@ class Step:
     ``motion``: what wheels and laser say of the way so far; ``prior``: how the particles moved, None if they did not;
     ``followed`` (components of the prior,): how much of the weight, once weighed, is of particles that followed each,
     None without a prior. ``walls`` (4, k) float32: what the laser's odometry remembers, points (m) in its own frame and
-    normals, a read-only view, valid until the next update; None if only the wheels are heard.
+    normals; None if only the wheels are heard.
     """
 
     index: int
@@ -106,3 +130,32 @@ class Step:
     changed: NDArray[np.float32] | None = None
     heat: NDArray[np.float32] | None = None
     events: tuple[Event, ...] = ()
+
+    def __repr__(self) -> str:
+        x, y, yaw = self.estimate.pose
+        return (
+            f"Step({self.index} at {self.time:.2f} s: {len(self.particles):,} particles, "
+            f"estimate ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg, "
+            f"{self.verdict.kind} with probability {self.verdict.probability:.2f})"
+        )
+
+    def own(self) -> Step:
+        """The same step with arrays of its own, which no later update changes; read-only as well."""
+        walls = None if self.walls is None else _kept(self.walls)
+        return replace(self, particles=_kept(self.particles), log_weights=_kept(self.log_weights), walls=walls)
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """(n,) the particles' weights, summing to one."""
+        return np.exp(self.log_weights)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per particle: x, y (m), yaw (rad) in the map frame, weight. Raises MclError without pandas."""
+        x, y, yaw = self.particles.T
+        return data_frame({"x": x, "y": y, "yaw": yaw, "weight": self.weights})
+
+
+def _kept(array: NDArray[Scalar]) -> NDArray[Scalar]:
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.data_frame import data_frame
 from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.logs import schema
 from pipeline.maps.occupancy_grid import OccupancyGrid
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -63,6 +69,9 @@ class Scan:
     turn: float | None = None
     stretch: int = 0
 
+    def __repr__(self) -> str:
+        return f"Scan({self.index} at {self.time:.2f} s: {len(self.ranges)} ranges)"
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -71,6 +80,18 @@ class Trajectory:
     stamps: NDArray[np.int64]
     poses: NDArray[np.float64]
     frame: str = "map"
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def __repr__(self) -> str:
+        seconds = float(self.stamps[-1] - self.stamps[0]) / 1e9 if len(self) else 0.0
+        return f"Trajectory({len(self):,} poses in {seconds:.1f} s, frame {self.frame!r})"
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per pose: stamp (ns), x, y (m), yaw (rad). Raises MclError without pandas."""
+        x, y, yaw = self.poses.T
+        return data_frame({"stamp": self.stamps, "x": x, "y": y, "yaw": yaw})
 
 
 @dataclass(frozen=True)
@@ -104,6 +125,22 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.stamps)
+
+    def __repr__(self) -> str:
+        seconds = self.duration if len(self) else 0.0
+        grid = "no map" if self.grid is None else f"map of {self.grid.size}"
+        wheels, truth = "" if self.wheels else ", no odometry", "" if self.ground_truth is None else ", truth known"
+        scans = f"{len(self):,} scans in {seconds:.1f} s, {self.laser.beams} beams"
+        return f"Log({self.name!r}: {scans}, {grid}{wheels}{truth})"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a user should know of how it was read: what was left out, taken otherwise, or chosen, a sentence each.
+
+        Of an .mcap that `mcl convert` made, what the converter said then is not said again.
+        """
+        records = (schema.READER,) if self.converted is None else (schema.SOURCE, schema.READER)
+        return tuple(text for name in records for text in json.loads(self.metadata.get(name, {}).get("remarks", "[]")))
 
     @property
     def mcap(self) -> Path:

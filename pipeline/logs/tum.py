@@ -16,7 +16,7 @@ _FARTHEST, _LATEST = 1e100, 2**63 - 1
 LINES = "TUM lines: stamp x y z qx qy qz qw"
 
 
-def read_tum(path: Path, frame: str = "map") -> Trajectory:
+def read_tum(path: Path | str, frame: str = "map") -> Trajectory:
     """The planar poses of a TUM file, in the order of the file; z, roll and pitch are ignored.
 
     Stamps are exact to the nanosecond. Raises MclError naming file and line for anything but eight

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -36,6 +37,20 @@ class OccupancyGrid:
     origin: Pose = (0.0, 0.0, 0.0)
     remarks: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        x, y, yaw = self.origin
+        return f"OccupancyGrid({self.size}, origin ({x:g}, {y:g}) m, {math.degrees(yaw):g} deg)"
+
+    def _repr_html_(self) -> str:
+        from pipeline.maps.picture import figure, map_svg  # it needs Pillow
+
+        return figure(map_svg(self), repr(self))
+
+    @property
+    def size(self) -> str:
+        """How large it is, in words."""
+        return f"{self.width} x {self.height} cells of {self.resolution:g} m"
+
     @property
     def height(self) -> int:
         """Cells along y."""
@@ -58,6 +73,14 @@ class OccupancyGrid:
     def known(self) -> NDArray[np.bool_]:
         """Cells of which the map says anything."""
         return ~np.isnan(self.occupancy)
+
+    @property
+    def known_area(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lowest and highest (x, y), m in the map frame, of the cells of which the map says anything, else of all."""
+        rows, columns = np.nonzero(self.known) if self.known.any() else np.nonzero(np.isnan(self.occupancy))
+        x, y = ((self.resolution * np.array([k.min(), k.max() + 1])) for k in (columns, rows))
+        corners = self.to_map([(i, j, 0.0) for i in x for j in y])[:, :2]
+        return corners.min(axis=0), corners.max(axis=0)
 
     def to_grid(self, poses: ArrayLike) -> NDArray[np.float64]:
         """Poses (..., 3) of the map frame, expressed in the grid frame."""

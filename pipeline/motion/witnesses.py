@@ -47,6 +47,10 @@ class Motion:
     unheard: int = 0
     late: float = 0.0
 
+    def __repr__(self) -> str:
+        x, y, yaw = self.pose
+        return f"Motion(at {self.time:.2f} s: ({x:.2f}, {y:.2f}) m, {math.degrees(yaw):.0f} deg by dead reckoning)"
+
     @property
     def unseen(self) -> Gap | None:
         """The gap before this scan, if the laser does not know either where the robot is now."""

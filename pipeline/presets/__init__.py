@@ -9,7 +9,7 @@ _MARK = "# warning:"
 
 def warning(name: str | None) -> str:
     """What the preset of this name warns of, in comments that begin with "warning:"; mostly empty."""
-    path = Path(__file__).with_name(f"{name}.yaml")
+    path = Path(__file__).parent / f"{name}.yaml"
     if not path.is_file():
         return ""
     lines = path.read_text(encoding="utf-8").splitlines()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.filter.beam_model import mixture_density, no_return_mass
+from pipeline.filter.own_sensor import beam_density
 
 Array = NDArray[np.float64]
 
@@ -115,10 +115,12 @@ def _likelihood(flat: _Flat, config: Config) -> Array:
     """(m,) per metre, or a mass where nothing returned."""
     assert config.range_bias is not None
     seen, missing = flat.seen(config.range_bias), np.isinf(flat.z)
-    out = np.where(missing, no_return_mass(flat.star, config), 0.0)
+    out = np.zeros(len(missing))
     for i, far in enumerate(flat.max_ranges):
-        at = (flat.log == i) & ~missing
-        out[at] = mixture_density(seen[at], flat.star[at], config, far)
+        model, of_log = beam_density(config, far), flat.log == i
+        out[of_log & missing] = model.no_return(flat.star[of_log & missing])
+        at = of_log & ~missing
+        out[at] = model.density(seen[at], flat.star[at])
     return out
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.config import Config
-from pipeline.filter.beam_model import mixture_density
+from pipeline.filter.own_sensor import beam_density
 from pipeline.tune.em import Array, Readings
 
 REACH, STEP = 3.0, 0.05
@@ -62,7 +62,8 @@ def plane(readings: Sequence[Readings], config: Config) -> Plane:
     centres = edges[:-1] + CELL / 2
     assert config.range_bias is not None
     far = max(r.max_range for r in readings)
-    fitted = mixture_density(np.maximum(centres - config.range_bias, 0.0)[:, None], centres, config, far)
+    seen = np.maximum(centres - config.range_bias, 0.0)
+    fitted = beam_density(config, far).density(*np.broadcast_arrays(seen[:, None], centres))
     return Plane(n * CELL, measured, np.where(columns > 0, fitted, np.nan))
 
 
@@ -70,7 +71,8 @@ def _along(at: Array, star: Array, config: Config, far: float) -> Array:
     """Mean over true ranges of the density of a raw reading at star + at; none of them is negative."""
     assert config.range_bias is not None
     raw = star[:, None] + at
-    density = mixture_density(np.maximum(raw - config.range_bias, 0.0), star[:, None], config, far)
+    seen = np.maximum(raw - config.range_bias, 0.0)
+    density = beam_density(config, far).density(*np.broadcast_arrays(seen, star[:, None]))
     return np.where((raw >= 0.0) & (raw <= far), density, 0.0).mean(axis=0)
 
 

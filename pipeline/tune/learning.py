@@ -18,9 +18,10 @@ from pipeline.maps.walls import wall_half_thickness
 from pipeline.motion.faults import without_leaps
 from pipeline.tune.amcl import AmclFit, fit_amcl
 from pipeline.tune.drift import DRIFTS, DriftFit, drift_windows, fit_drift
-from pipeline.tune.em import LEARNED, Array, Readings, fit_beam_model
+from pipeline.tune.em import LEARNED, Array, Fit, Readings, fit_beam_model
 from pipeline.tune.found import Found
 from pipeline.tune.motion import ALPHAS, FEWEST, fit_motion, windows
+from pipeline.tune.own_model import fit_own_model, learnable
 from pipeline.tune.reasons import Reason, explain
 from pipeline.tune.scans import trusted, updates
 from pipeline.tune.temper import independent_beams, window_likelihoods
@@ -97,8 +98,8 @@ class Tuning:
             "seed": self.seed,
             "scans": self.scans,
             "beams": self.beams,
-            "before": {name: getattr(self.before, name) for name in PARAMETERS},
-            "after": {name: getattr(self.after, name) for name in PARAMETERS},
+            "before": {name: getattr(self.before, name) for name in PARAMETERS} | self.before.own,
+            "after": {name: getattr(self.after, name) for name in PARAMETERS} | self.after.own,
             "scores": {"before": vars(self.before_scores), "after": vars(self.after_scores)},
             "thresholds": [{"occupied_threshold": t, "evidence": e} for t, e in self.thresholds],
             "history": list(self.history),
@@ -185,7 +186,7 @@ def _learn(found: Sequence[Found], config: Config) -> _Learned:
         rest = [f.evidence(_half(f, held_out=True), half, temper) for f in found]
         tried.append((float(np.concatenate(rest).mean()), half))
     half = max(tried, key=lambda pair: pair[0])[1]
-    fit = fit_beam_model([f.readings(f.every(MOST_SCANS), half) for f in found], half)
+    fit = _fit([f.readings(f.every(MOST_SCANS), half) for f in found], half)
     driven = [windows(f.log.odometry, f.trajectory, f.scans, config) for f in found if f.way.wheels]
     drift = fit_drift([drift_windows(f.way, f.trajectory, f.updates, f.scans) for f in found], fit.config)
     learned = fit_motion(driven, drift.config)
@@ -218,7 +219,12 @@ def _fitted(found: Sequence[Found], config: Config) -> Config:
     near = np.concatenate([r.residuals() for r in parts])
     near = near[np.abs(near) < HITS]
     bias = float(np.median(near)) if len(near) else 0.0
-    return fit_beam_model(parts, config.model_copy(update={"range_bias": bias})).config
+    return _fit(parts, config.model_copy(update={"range_bias": bias})).config
+
+
+def _fit(readings: Sequence[Readings], config: Config) -> Fit:
+    """The beam model, the user's own if there is one."""
+    return fit_own_model(readings, config) if learnable(config) else fit_beam_model(readings, config)
 
 
 def _half(found: Found, *, held_out: bool) -> NDArray[np.int64]:

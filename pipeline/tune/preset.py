@@ -20,7 +20,7 @@ def preset(tuning: Tuning) -> str:
     kept = {
         name: value
         for name, value in tuning.after.model_dump(mode="json").items()
-        if name not in PARAMETERS and name not in OF_THE_RUN and value != Config.model_fields[name].default
+        if name not in PARAMETERS and name not in OF_THE_RUN and value != _default(name)
     }
     before, after = tuning.before_scores, tuning.after_scores
     lines = [
@@ -39,6 +39,8 @@ def preset(tuning: Tuning) -> str:
 def table(tuning: Tuning) -> list[tuple[str, str, str]]:
     """Every parameter and score before and after, in the order of COLUMNS."""
     rows = [(name, number(getattr(tuning.before, name)), number(getattr(tuning.after, name))) for name in PARAMETERS]
+    own = tuning.after.own.items()
+    rows += [(name, _own(tuning.before.own[name]), _own(value)) for name, value in own]
     before, after = tuning.before_scores, tuning.after_scores
     for i, part in enumerate(("learned from", "held out")):
         rows.append((f"nats per beam, {part}", f"{before.likelihood[i]:.3f}", f"{after.likelihood[i]:.3f}"))
@@ -55,6 +57,15 @@ def origin(tuning: Tuning) -> str:
 def number(value: float | str | None) -> str:
     """A value of a table."""
     return "null" if value is None else value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _default(name: str) -> Any:
+    """None of a parameter of the user's own: it is always told."""
+    return Config.model_fields[name].default if name in Config.model_fields else None
+
+
+def _own(value: bool | float | str) -> str:
+    return number(value) if isinstance(value, float) else _plain(value)
 
 
 def _plain(value: Any) -> str:

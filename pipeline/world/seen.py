@@ -53,6 +53,10 @@ class Seen:
     logs: tuple[str, ...] = ()
     within: tuple[slice, slice] | None = None
 
+    def __repr__(self) -> str:
+        changed, logs = np.count_nonzero(self.changed), len(self.logs)
+        return f"Seen({logs} {'log' if logs == 1 else 'logs'}: {changed:,} cells are not as mapped)"
+
     @cached_property
     def box(self) -> tuple[slice, slice]:
         """Rows and columns of the part in which anything was seen, and SAME around it; empty if nothing was."""

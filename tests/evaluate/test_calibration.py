@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def forecaster(seed: int, scans: int = 400, sharper: float = 1.0, narrower: floa
     times = np.arange(scans, dtype=np.float64)
     return Run(
         seed, score(times, poses, truth), poses, {}, 1.0, times, truth, stated,
-        np.tile(covariance / narrower**2, (scans, 1, 1)),
+        np.tile(covariance / narrower**2, (scans, 1, 1)), np.ones(scans),
     )  # fmt: skip
 
 
@@ -99,7 +100,7 @@ def test_the_bootstrap_is_over_runs_and_its_seed_decides():
     for seed in range(8):
         run = forecaster(seed)
         poses = run.truth + (0.0 if seed % 2 else 10.0)
-        runs.append(Run(seed, run.score, poses, {}, 1.0, run.times, run.truth, run.probability, run.covariances))
+        runs.append(replace(run, poses=poses))
     told = calibration(runs)
     assert told.base_rate.value == 0.5
     assert told.base_rate.high - told.base_rate.low > 0.5
@@ -109,7 +110,7 @@ def test_the_bootstrap_is_over_runs_and_its_seed_decides():
 
 def test_one_run_has_no_interval_and_empty_bins_no_figure():
     run = forecaster(0)
-    sure = Run(0, run.score, run.truth, {}, 1.0, run.times, run.truth, np.ones(400), run.covariances)
+    sure = replace(run, poses=run.truth, probability=np.ones(400))
     told = calibration([sure])
     assert told.brier.low is None
     assert told.brier.value == pytest.approx(1e-6)
@@ -125,7 +126,7 @@ def test_scans_without_truth_are_left_out_and_no_covariance_is_too_small():
     truth = run.truth.copy()
     truth[100:] = np.nan
     nothing = np.zeros_like(run.covariances)
-    told = calibration([Run(0, run.score, run.poses, {}, 1.0, run.times, truth, run.probability, nothing)])
+    told = calibration([replace(run, truth=truth, covariances=nothing)])
     assert told.scans == 100
     assert told.nees.value is not None
     assert told.nees.value > 100

@@ -59,6 +59,7 @@ def follows_the_wheels(log: Log, config: Config, *, seed: int, threads: int):
         weights=np.ones(len(log)),
         probability=np.ones(len(log)),
         covariances=np.tile(np.eye(3), (len(log), 1, 1)),
+        explained=np.ones(len(log)),
         events=(),
         seconds={"filter": 0.1},
         seed=seed,
@@ -244,7 +245,8 @@ def test_who_knows_the_truth_is_never_lost() -> None:
         _, rows = disturbed(log, draw_failures(log.times, log.odometry, 0.05, seed))
         return SimpleNamespace(
             stamps=given.stamps, poses=log.odometry[rows], hindsight=None, weights=np.ones(len(rows)),
-            probability=np.ones(len(rows)), covariances=np.tile(np.eye(3), (len(rows), 1, 1)), events=(), seconds={},
+            probability=np.ones(len(rows)), explained=np.ones(len(rows)),
+            covariances=np.tile(np.eye(3), (len(rows), 1, 1)), events=(), seconds={},
         )  # fmt: skip
 
     done = evaluate([log], [None], Config(), runs=12, jobs=1, failures=0.05, runner=knows)

@@ -78,7 +78,7 @@ def room_log(**changes) -> Log:
 def told(poses: np.ndarray):
     n = len(poses)
     return SimpleNamespace(
-        poses=poses, hindsight=None, weights=np.ones(n), probability=np.ones(n),
+        poses=poses, hindsight=None, weights=np.ones(n), probability=np.ones(n), explained=np.ones(n),
         covariances=np.tile(np.eye(3), (n, 1, 1)), events=(), seconds={},
     )  # fmt: skip
 

@@ -150,13 +150,15 @@ def test_evaluate_compares_the_sensor_models_in_one_table(mcl: Command, journey:
     lines = mcl("evaluate", journey.log, *known, *vary, "--plot", picture).stdout.splitlines()
     assert lines[0] == "1 runs per row"
     assert lines[1].split()[:2] == ["log", "sensor_model"]
-    assert [line.split()[:2] for line in lines[2:-1]] == [["drive", model] for model in models]
+    assert [line.split()[:2] for line in lines[2:5]] == [["drive", model] for model in models]
+    assert lines[5] == "seed by seed against beam"
+    assert [line.split()[:2] for line in lines[7:9]] == [["drive", model] for model in models[1:]]
     assert picture.read_bytes().startswith(b"\x89PNG")
     told = json.loads(mcl("evaluate", journey.log, *known, *vary, "--json").stdout)
     assert told["vary"] == ["sensor_model"]
     assert [each["values"] for each in told["variants"]] == [{"sensor_model": model} for model in models]
     for each in told["variants"]:
-        assert each["config"]["sensor_model"] == each["values"]["laser_model_type"]
+        assert each["config"]["sensor_model"] == each["values"]["sensor_model"]
         assert [run["seed"] for run in each["logs"]["drive"]["seeds"]] == [0]
         assert each["logs"]["drive"]["successes"] == 1
     alone = json.loads(mcl("evaluate", journey.log, *known, "--json").stdout)
