@@ -12,7 +12,7 @@ DATA ?= ../shared/data
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help setup demo test lint format bench sweep fuzz faults pictures clean
+.PHONY: help setup demo test docs lint format bench sweep fuzz faults pictures clean
 .DEFAULT_GOAL := help
 
 help:  ## Show what can be made
@@ -32,6 +32,9 @@ demo: $(INSTALLED)  ## Find the robot in the embedded building and write a recor
 
 test: lint  ## Everything that is checked: style, types, layers, tests
 	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadscope
+
+docs: $(INSTALLED)  ## The documentation as a site, in build/site; runs its notebooks, and fails at any warning
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 lint: $(INSTALLED)  ## Style, types and layers only
 	$(BIN)/ruff check

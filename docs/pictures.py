@@ -20,6 +20,7 @@ from rerun.experimental import ViewerClient
 
 from converters import convert
 from pipeline.config import load_config
+from pipeline.export.files import Wishes, export
 from pipeline.export.run import read_run
 from pipeline.geometry import between, compose
 from pipeline.inspect import inspect
@@ -73,6 +74,7 @@ def main() -> None:
             take(run.path, at, PICTURES / f"{name}.png")
             browse(run.path, at, PICTURES / f"page_{name}.png")
             print(f"{name}: {run.pose_at(at).time:.1f} s")
+        export(read_run(whole.path), PICTURES / "found.webp", Wishes(speed=16.0, size=(800, 450)), force=True)
         part = without_a_part(read_log(Path(folder) / "office.mcap"))
         made = create("off_map", Path(folder) / "off_map")
         replay(part, load_config(), made)

@@ -41,10 +41,10 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Change links into those of the site, and name the public names where they belong."""
     outside = {name: source for source, name in PAGES.items()}
     source = outside.get(page.file.src_uri, f"docs/{page.file.src_uri}")
-    return on_site(markdown, source).replace(NAMES, public_names())
+    return relinked(markdown, source).replace(NAMES, public_names())
 
 
-def on_site(markdown: str, source: str) -> str:
+def relinked(markdown: str, source: str) -> str:
     """The text of a page with the links as the site has them; ``source``: the page's path below the project's root."""
     here = posixpath.dirname(PAGES.get(source, source.removeprefix("docs/")))
 
@@ -67,15 +67,15 @@ def on_site(markdown: str, source: str) -> str:
 
 
 def executed(notebook: Path) -> dict[str, str | bytes]:
-    """The page of a notebook, run from its first cell to its last in an empty folder, and its pictures, by file name."""
+    """The page of a notebook, run in an empty folder from its first cell to its last, and its pictures, by name."""
     import nbformat
     from nbclient import NotebookClient
     from nbconvert import MarkdownExporter
 
     cells = nbformat.read(notebook, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        within = {"metadata": {"path": folder}}
-        NotebookClient(cells, timeout=PATIENCE, kernel_name="python3", resources=within).execute()
+        client = NotebookClient(cells, timeout=PATIENCE, kernel_name="python3", extra_arguments=["--log-level=ERROR"])
+        client.execute(cwd=folder)
     resources = {"unique_key": notebook.stem, "output_files_dir": ""}
     markdown, made = MarkdownExporter().from_notebook_node(cells, resources=resources)
     title, _, rest = markdown.lstrip().partition("\n")
@@ -84,6 +84,8 @@ def executed(notebook: Path) -> dict[str, str | bytes]:
 
 
 def public_names() -> str:
-    """An instruction for mkdocstrings for each public name, from where it is defined."""
-    homes = sorted(pipeline._HOMES.values(), key=lambda home: home[1].lower())
-    return "\n\n".join(f"::: {module}.{name}" for module, name in homes)
+    """An instruction for mkdocstrings for each public name, which may be another one where it is defined."""
+    shown = []
+    for name, (module, defined) in sorted(pipeline._HOMES.items(), key=lambda item: item[0].lower()):
+        shown.append(f"::: {module}.{defined}\n    options:\n      heading: {name}\n      toc_label: {name}")
+    return "\n\n".join(shown)
