@@ -33,7 +33,10 @@ class Stamps(StrEnum):
 
 _OPTIONS: dict[str, Any] = {
     "scan_topic": Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="The laser's topic, where a recording has several.")
+        str | None,
+        typer.Option(
+            metavar="TOPIC", help="The laser's topic, where a recording has several; FRONT,REAR takes both together."
+        ),
     ],
     "odom_topic": Annotated[
         str | None, typer.Option(metavar="TOPIC", help="The odometry's topic; /tf takes it from the transforms.")

@@ -17,6 +17,7 @@ from pipeline.logs.odometry import joined, without_strays
 from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe, shortened
 from pipeline.logs.stretches import Clock, alongside, one_time, told
 from pipeline.logs.transforms import Transforms, in_space
+from pipeline.logs.two_lasers import merged
 from pipeline.logs.which_odometry import find_odometry
 
 _STANDS_OUT = 10
@@ -84,6 +85,8 @@ def mark_no_return(scans: ScanColumns) -> ScanColumns:
 
 
 def _collect(recorded: Recorded, names: Names, mend: bool) -> Drive:
+    if names.scan_topic and "," in names.scan_topic:
+        return _by_all(recorded, [topic.strip() for topic in names.scan_topic.split(",")], names, mend)
     asked = chosen(recorded, names.scan_topic, SCAN_TYPES)
     topics = [asked] if asked else candidates(recorded, *SCAN_TYPES)
     if not topics:
@@ -104,6 +107,37 @@ def _collect(recorded: Recorded, names: Names, mend: bool) -> Drive:
             remarks.append(f"{topic} is taken, and not {shortened(rest, 'topics')}; --scan-topic takes another")
         return replace(drive, remarks=(*recorded.remarks, *remarks, *drive.remarks))
     raise refused[0][1]
+
+
+def _by_all(recorded: Recorded, topics: list[str], names: Names, mend: bool) -> Drive:
+    """The drive by the scans of several lasers of one robot, as if one laser at its centre had taken them."""
+    if names.laser_pose is not None or names.laser_frame is not None:
+        raise MclError("--laser-pose and --laser-frame are of one laser", "of several the transforms say the place")
+    drives = [_collect(recorded, replace(names, scan_topic=topic), mend) for topic in topics]
+    first = drives[0]
+    bases = [drive.origin["frames"].split(" -> ")[1] for drive in drives]
+    for topic, base in zip(topics, bases, strict=True):
+        if base != bases[0]:
+            raise MclError(f"{topic} is on {base!r}, {topics[0]} on {bases[0]!r}", "--base-frame chooses the robot's")
+    if any(len(drive.clock.begins) > 1 for drive in drives):
+        raise MclError("stamps begin anew in this recording", "its lasers are read one at a time: --scan-topic TOPIC")
+    lasers = [(cleaned(mark_no_return(drive.scans)), drive.laser_in_base) for drive in drives]
+    scans = merged(lasers, first.odometry, bases[0])
+    frames = " -> ".join([*first.origin["frames"].split(" -> ")[:2], bases[0]])
+    origin = first.origin | {"frames": frames, "lasers": ", ".join(topics)}
+    remarks = [remark for drive in drives for remark in drive.remarks if "--scan-topic takes another" not in remark]
+    told = f"{' and '.join(topics)} are taken together, as one laser at {bases[0]!r}"
+    return replace(
+        first, scans=scans, laser_in_base=np.eye(4), origin=origin, remarks=tuple(dict.fromkeys([told, *remarks]))
+    )
+
+
+def cleaned(scans: ScanColumns) -> ScanColumns:
+    """The scans after REP 117: NaN where invalid, inf where nothing came back."""
+    low, high = np.float32(scans.range_min), np.float32(scans.range_max)
+    with np.errstate(invalid="ignore"):
+        ranges = np.where(scans.ranges > high, np.float32(np.inf), scans.ranges)
+        return replace(scans, ranges=np.where((ranges <= 0) | (ranges < low), np.float32(np.nan), ranges))
 
 
 def _drive(recorded: Recorded, scan_topic: str, names: Names, mend: bool) -> Drive:

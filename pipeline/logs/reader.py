@@ -18,7 +18,7 @@ from pipeline.geometry import Pose
 from pipeline.logs import schema
 from pipeline.logs.beam_times import checked, sweeps_of
 from pipeline.logs.choice import find
-from pipeline.logs.collect import collect, mark_no_return
+from pipeline.logs.collect import cleaned, collect, mark_no_return
 from pipeline.logs.columns import ScanColumns
 from pipeline.logs.decode import decode_grid, decode_poses
 from pipeline.logs.gyroscope import turns_at
@@ -125,7 +125,7 @@ def _right_way_up(
         raise MclError("the scans have no beams, or no angle between them", path=path)
     yaw = float(np.arctan2(laser_in_base[1, 0], laser_in_base[0, 0]))
     pose: Pose = (float(laser_in_base[0, 3]), float(laser_in_base[1, 3]), yaw)
-    ranges = _clean(scans.ranges, scans.range_min, scans.range_max)
+    ranges = cleaned(scans).ranges
     first, step = scans.angle_min, scans.angle_increment
     if upright < 0:  # seen from above, an upside-down laser turns the other way round its own x axis
         first, step = -first, -step
@@ -134,14 +134,6 @@ def _right_way_up(
         first, step, ranges, pace = first + (beams - 1) * step, -step, ranges[:, ::-1], -pace
     laser = Laser(pose, first, step, beams, scans.range_min, scans.range_max, pace + 0.0)  # no negative zero
     return laser, np.ascontiguousarray(ranges)
-
-
-def _clean(ranges: NDArray[np.float32], range_min: float, range_max: float) -> NDArray[np.float32]:
-    """REP 117: NaN where invalid, inf where nothing came back."""
-    low, high = np.float32(range_min), np.float32(range_max)
-    with np.errstate(invalid="ignore"):
-        ranges = np.where(ranges > high, np.float32(np.inf), ranges)
-        return np.where((ranges <= 0) | (ranges < low), np.float32(np.nan), ranges)
 
 
 def _ground_truth(messages: Messages | None, clock: Clock) -> Trajectory | None:

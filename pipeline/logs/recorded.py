@@ -69,12 +69,13 @@ class Recorded(Protocol):
 class Names:
     """Topics and frames to read, where the recording leaves a choice or says it wrongly; None: found by their types.
 
-    ``odom_topic`` may be a topic of transforms. ``base_frame``: the robot's centre, whose place is sought, if that is
-    not the frame that the odometry moves. ``odom_frame``: the parent of the transforms that are the odometry.
-    ``laser_frame``: one of several lasers on a topic, or the frame that the scans should have named. What a recording
-    lacks: ``laser_pose`` (m, m, rad), the laser on the robot, instead of what the transforms say; ``stamps``: "log" for
-    when the messages were written down, where the clocks of those who stamped them disagree, else "header";
-    ``transforms``: static ones, which count before those of the recording.
+    ``scan_topic`` may be several, parted by commas: lasers of one robot that are taken together. ``odom_topic`` may be
+    a topic of transforms. ``base_frame``: the robot's centre, whose place is sought, if that is not the frame that the
+    odometry moves. ``odom_frame``: the parent of the transforms that are the odometry. ``laser_frame``: one of several
+    lasers on a topic, or the frame that the scans should have named. What a recording lacks: ``laser_pose`` (m, m,
+    rad), the laser on the robot, instead of what the transforms say; ``stamps``: "log" for when the messages were
+    written down, where the clocks of those who stamped them disagree, else "header"; ``transforms``: static ones,
+    which count before those of the recording.
     """
 
     scan_topic: str | None = None

@@ -46,17 +46,24 @@ class OwnSink:
 def reader_in(path: Path) -> ModuleType:
     """A module that reads a raw format, as those in ``converters`` do. Raises MclError if it is none."""
     module: ModuleType = module_of(path)
-    if missing := [name for name in READER_HAS if not hasattr(module, name)]:
-        raise MclError(f"it has no {' and no '.join(missing)}", "a reader is like converters/cmu.py", path=path)
+    if missing := _missing(module):
+        raise MclError(f"it has no {missing}", "a reader is like converters/cmu.py", path=path)
     return module
 
 
 def installed_readers() -> list[ModuleType]:
-    """The readers that installed packages offer."""
+    """The readers that installed packages offer. Raises MclError for one that cannot be loaded, or is none."""
     found = []
     for point in entry_points(group=READERS):
         try:
-            found.append(point.load())
+            module = point.load()
         except Exception as error:
             raise MclError(f"the reader {point.name} of an installed package fails: {told(error)}") from error
+        if missing := _missing(module):
+            raise MclError(f"the reader {point.name} has no {missing}", f"see the package of {point.value}")
+        found.append(module)
     return found
+
+
+def _missing(module: ModuleType) -> str:
+    return " and no ".join(name for name in READER_HAS if not hasattr(module, name))
