@@ -21,7 +21,7 @@ PAGES = {"CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md", "
 NAMES = "<!-- every public name -->"
 """Stands in reference.md where the names of `pipeline` belong."""
 LINK = re.compile(r"(!?)\[([^\]]*)\]\((?!\w+:)([^)#\s]*)(#[^)\s]*)?\)")
-PATIENCE = 300  # seconds for a cell of a notebook; the first one may have to compile the filter's loops
+PATIENCE = 600  # seconds for a cell of a notebook; the first one may have to compile the loops of the filter
 
 
 def on_files(files: Any, config: Any) -> Any:
@@ -54,7 +54,7 @@ def relinked(markdown: str, source: str) -> str:
             return link[0]
         path = posixpath.normpath(posixpath.join(posixpath.dirname(source), target))
         if path.startswith("docs/"):
-            page = path.removeprefix("docs/")
+            page = path.removeprefix("docs/").replace(".ipynb", ".md")
         elif path == "README.md":
             page, anchor = "index.md", ""
         elif path in PAGES:
@@ -79,7 +79,9 @@ def executed(notebook: Path) -> dict[str, str | bytes]:
     resources = {"unique_key": notebook.stem, "output_files_dir": ""}
     markdown, made = MarkdownExporter().from_notebook_node(cells, resources=resources)
     title, _, rest = markdown.lstrip().partition("\n")
-    note = f"*This page is a notebook, run when the site was built: [{notebook.name}]({notebook.name}).*"
+    note = (
+        f'This page is a notebook, run when the site was built: <a href="{notebook.name}" download>{notebook.name}</a>.'
+    )
     return {f"{notebook.stem}.md": f"{title}\n\n{note}\n{rest}", **made["outputs"]}
 
 

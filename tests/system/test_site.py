@@ -42,6 +42,7 @@ def test_every_page_is_in_the_navigation_once() -> None:
     [
         ("docs/world.md", "[a](verdict.md#b)", "[a](verdict.md#b)"),
         ("docs/tutorials/student.md", "[a](../lessons.md)", "[a](../lessons.md)"),
+        ("docs/index.md", "[a](notebooks/first_run.ipynb)", "[a](notebooks/first_run.md)"),
         ("docs/api.md", "[a](../README.md#from-python)", "[a](index.md)"),
         ("docs/tutorials/student.md", "[a](../../CONTRIBUTING.md)", "[a](../contributing.md)"),
         ("docs/own_parts.md", "[ekf.py](../pipeline/filter/ekf.py)", "`pipeline/filter/ekf.py`"),
