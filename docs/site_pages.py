@@ -79,9 +79,8 @@ def executed(notebook: Path) -> dict[str, str | bytes]:
     resources = {"unique_key": notebook.stem, "output_files_dir": ""}
     markdown, made = MarkdownExporter().from_notebook_node(cells, resources=resources)
     title, _, rest = markdown.lstrip().partition("\n")
-    note = (
-        f'This page is a notebook, run when the site was built: <a href="{notebook.name}" download>{notebook.name}</a>.'
-    )
+    link = f'<a href="{notebook.name}" download>{notebook.name}</a>'
+    note = f"This page is a notebook, run when the site was built: {link}."
     return {f"{notebook.stem}.md": f"{title}\n\n{note}\n{rest}", **made["outputs"]}
 
 

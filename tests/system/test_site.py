@@ -62,6 +62,22 @@ def test_notebooks_are_kept_without_what_they_showed(notebook: Path) -> None:
     assert all(not cell["outputs"] and cell["execution_count"] is None for cell in cells if cell["cell_type"] == "code")
 
 
+def test_tutorials_name_commands_and_options_that_there_are() -> None:
+    from typer.main import get_command
+
+    from pipeline.cli import app
+
+    commands = getattr(get_command(app), "commands")  # noqa: B009 - that it is a group is known to typer only
+    typed = re.compile(r"(?:^    |^\$ |`)mcl ([a-z]+)((?:[^\n`\\]|\\\n)*)", re.M)
+    for page in sorted((DOCS / "tutorials").glob("*.md")):
+        found = typed.findall(page.read_text(encoding="utf-8"))
+        assert found, page.name
+        for name, rest in found:
+            known = {option for parameter in commands[name].params for option in parameter.opts}
+            used = set(re.findall(r"(?:^|\s)(--?[a-z][a-z-]*)", rest))
+            assert used <= known, f"{page.name}: mcl {name}{rest}"
+
+
 class Loaded(HTMLParser):
     """Gathers what a browser fetches to show a page."""
 
