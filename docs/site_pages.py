@@ -74,7 +74,8 @@ def executed(notebook: Path) -> dict[str, str | bytes]:
 
     cells = nbformat.read(notebook, as_version=4)
     with tempfile.TemporaryDirectory() as folder:
-        client = NotebookClient(cells, timeout=PATIENCE, kernel_name="python3", extra_arguments=["--log-level=ERROR"])
+        patience = {"timeout": PATIENCE, "startup_timeout": PATIENCE}
+        client = NotebookClient(cells, kernel_name="python3", extra_arguments=["--log-level=ERROR"], **patience)
         client.execute(cwd=folder)
     resources = {"unique_key": notebook.stem, "output_files_dir": ""}
     markdown, made = MarkdownExporter().from_notebook_node(cells, resources=resources)
