@@ -96,7 +96,7 @@ class Sampled:
     def move(self, poses: NDArray[np.float32], key: int) -> Array:
         """(3, n) where poses (3, n) float32 are after the step, with random numbers from ``key``."""
         rng = np.random.Generator(np.random.Philox(key=key))
-        answer = self._own(poses.copy(), *self._leads, rng=rng, seconds=self._seconds)
+        answer = self._own(poses.copy(), *(lead.copy() for lead in self._leads), rng=rng, seconds=self._seconds)
         return self._own.array(answer, poses.shape, "poses")
 
 
