@@ -200,7 +200,7 @@ class Config(BaseModel):
     )
 
     # --- parts of the user's own ------------------------------------------------------------------------------------
-    own: dict[str, bool | int | float | str] = Field(
+    own: dict[str, bool | int | float | str | None] = Field(
         {}, description="Parameters of parts of your own, each by a name like `sensor_model.sharpness`."
     )
 

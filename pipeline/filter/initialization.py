@@ -22,7 +22,7 @@ def initial_particles(grid: OccupancyGrid, config: Config, key: int) -> NDArray[
     rng = np.random.Generator(np.random.Philox(key=key))
     n, own = config.max_particles, config.own_part("init", grid=grid)
     if own is not None:
-        placed = own.array(own(n, rng=rng), (3, n), "poses").T
+        placed = own.poses(own(n, rng=rng), (3, n)).T
         return np.ascontiguousarray(grid.to_grid(placed).T.astype(np.float32))
     draw = built_in(ROLES["init"], config.init)
     poses: NDArray[np.float32] = draw(n, rng, grid, config)

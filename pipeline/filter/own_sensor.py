@@ -60,7 +60,8 @@ class OwnDensity:
         """As ``BeamDensity`` has it."""
         expected = np.asarray(expected, np.float64)
         if (said := self._own.other("no_return")) is not None:
-            mass = self._own.array(said(expected.copy()), expected.shape, "probabilities")
+            told = np.broadcast_to(said(expected.copy()), expected.shape)
+            mass = self._own.array(told, expected.shape, "probabilities")
         else:
             z = (np.arange(ALONG) + 0.5) * self._max_range / ALONG
             whole = self.density(*np.broadcast_arrays(z[:, None], expected)).sum(axis=0) * self._max_range / ALONG

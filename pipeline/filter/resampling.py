@@ -43,8 +43,10 @@ def resampler(config: Config) -> Resampler:
 def _by(own: Own) -> Resampler:
     def draw(weights: NDArray[np.float64], n: int, key: np.uint64) -> NDArray[np.int32]:
         rng = np.random.Generator(np.random.Philox(key=int(key)))
-        answer = own(weights.copy(), n, rng=rng, key=key)
+        answer = np.asarray(own(weights.copy(), n, rng=rng))
         indices = own.array(answer, (n,), "indices of the survivors").astype(np.int64)
+        if answer.dtype == np.bool_ or (indices != answer).any():
+            raise own.wrong(f"it gave {answer.dtype.name} values that are no indices, expected whole numbers")
         if n and not (indices.min() >= 0 and indices.max() < len(weights)):
             raise own.wrong(f"it gave an index outside 0 to {len(weights) - 1}")
         return np.sort(indices).astype(np.int32)

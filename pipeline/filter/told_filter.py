@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.config import Config
-from pipeline.errors import MclError
 from pipeline.filter.estimate import Clusters
 from pipeline.filter.particle_filter import ParticleFilter
 from pipeline.filter.particles import Particles
@@ -24,6 +23,7 @@ from pipeline.motion.models import Component
 from pipeline.motion.prior import Prior
 from pipeline.motion.witnesses import Motion
 from pipeline.parts.loading import built_in
+from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
 from pipeline.world.seen import Seen
 
@@ -121,27 +121,26 @@ class ToldFilter(ParticleFilter):
         more: dict[str, Any] = {}
         if self._own is not None:
             more["rng"] = np.random.Generator(np.random.Philox(key=int(stream_key(self._seed, scan.index, SHOW + 1))))
-        first, second = self._pair(self._update(scan, step, **more))
-        if np.ndim(first) == 1:
-            pose, covariance = self._checked(first, (3,), "a pose"), self._checked(second, (3, 3), "a covariance")
-            self._told.gaussian(pose, (covariance + covariance.T) / 2.0, reading, scan.index)
+        answer = self._update(scan, step, **more)
+        if self._own is None:
+            pose, covariance = answer
+            self._told.gaussian(pose, covariance, reading, scan.index)
+        else:
+            self._take(self._own, answer, reading, scan.index)
+
+    def _take(self, own: Own, answer: Any, reading: Reading, scan: int) -> None:
+        """What a filter of the user's own tells, once it is known to be a belief."""
+        first, second = own.pair(answer, "a pose and its covariance, or particles and their weights")
+        shape, most = np.shape(first), self._told.particles.capacity
+        if len(shape) == 1:
+            self._told.gaussian(own.poses(first, (3,), "a pose"), own.covariance(second), reading, scan)
             return
-        n = np.shape(first)[-1]
-        if n > self._told.particles.capacity:
-            raise MclError(f"the filter gave {n} particles, more than max_particles", "raise max_particles")
-        weights = self._checked(second, (n,), "weights")
+        if len(shape) != 2 or shape[0] != 3 or not 1 <= shape[1] <= most:
+            raise own.wrong(f"it gave particles of {shape}, expected (3, n), with n from 1 to max_particles, {most}")
+        poses, weights = own.poses(first, shape, "particles"), own.array(second, shape[1:], "weights")
         if (weights < 0.0).any() or not weights.sum() > 0.0:
-            raise MclError("the filter gave weights that are negative, or all zero")
-        self._told.weighted(self._checked(first, (3, n), "particles"), weights / weights.sum(), reading)
-
-    def _pair(self, answer: Any) -> tuple[Any, Any]:
-        if isinstance(answer, tuple) and len(answer) == 2:
-            return answer
-        said = "it gave something else, expected a pose and its covariance, or particles and their weights"
-        raise MclError(said) if self._own is None else self._own.wrong(said)
-
-    def _checked(self, answer: Any, shape: tuple[int, ...], what: str) -> Array:
-        return np.asarray(answer, np.float64) if self._own is None else self._own.array(answer, shape, what)
+            raise own.wrong("it gave weights that are negative, or all zero")
+        self._told.weighted(poses, weights / weights.sum(), reading)
 
 
 def together(prior: Prior) -> Component:

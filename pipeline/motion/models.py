@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +97,7 @@ class Sampled:
         """(3, n) where poses (3, n) float32 are after the step, with random numbers from ``key``."""
         rng = np.random.Generator(np.random.Philox(key=key))
         answer = self._own(poses.copy(), *(lead.copy() for lead in self._leads), rng=rng, seconds=self._seconds)
-        return self._own.array(answer, poses.shape, "poses")
+        return self._own.poses(answer, poses.shape)
 
 
 class OwnModel:
@@ -110,8 +110,9 @@ class OwnModel:
         """As ``MotionModel`` has it."""
         own = self._own
         if own.method.name == "gaussian":
-            step, covariance = self._two(own(before.copy(), after.copy(), seconds=seconds))
-            return Component(name, own.array(step, (3,), "a step"), self._definite(covariance))
+            answer = own(before.copy(), after.copy(), seconds=seconds)
+            step, covariance = own.pair(answer, "a step (3,) and its covariance (3, 3)")
+            return Component(name, own.poses(step, (3,), "a step"), own.covariance(covariance) + LEAST)
         sampled = Sampled(own, before, after, seconds)
         # Of robots at the origin, always with the same random numbers: a summary is no draw.
         steps = sampled.move(np.zeros((3, DRAWS), np.float32), 0)
@@ -120,19 +121,6 @@ class OwnModel:
         off = steps - mean[:, None]
         off[2] = wrap_angle(off[2])
         return Component(name, mean, off @ off.T / (DRAWS - 1) + LEAST, sampled=sampled)
-
-    def _two(self, answer: Any) -> tuple[Any, Any]:
-        try:
-            step, covariance = answer
-        except (TypeError, ValueError) as error:
-            raise self._own.wrong("it gave something else, expected a step (3,) and its covariance (3, 3)") from error
-        return step, covariance
-
-    def _definite(self, covariance: Any) -> Array:
-        matrix = self._own.array(covariance, (3, 3), "a covariance") + LEAST
-        if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] <= 0.0:
-            raise self._own.wrong("it gave a covariance that is not symmetric, or negative in some direction")
-        return matrix
 
 
 def motion_model(config: Config) -> MotionModel:

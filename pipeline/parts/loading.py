@@ -21,8 +21,9 @@ from pydantic import ConfigDict, ValidationError, create_model
 from pydantic.fields import FieldInfo
 
 from pipeline.errors import MclError
-from pipeline.parts.roles import Method, Role
+from pipeline.parts.roles import OFFERED, Method, Role
 
+PAGE = "docs/own_parts.md"
 PLAIN = (bool, int, float, str)
 """Types of own parameters that a configuration file can hold."""
 
@@ -36,7 +37,7 @@ def check_name(role: Role, name: str) -> str:
         return name
     where, colon, what = name.rpartition(":")
     if colon and where and what.isidentifier():
-        return f"{Path(where).absolute()}:{what}" if where.endswith(".py") else name
+        return f"{Path(where).expanduser().absolute()}:{what}" if where.endswith(".py") else name
     installed = sorted(_installed(role))
     if name in installed:
         return name
@@ -113,10 +114,11 @@ class Part:
 
     @property
     def parameters(self) -> dict[str, FieldInfo]:
-        """Its own parameters: of the function, or of the constructor, those with a default."""
+        """Its own parameters: of the function, or of the constructor, those with a default; not what it is given."""
         found = {}
+        given = self.role.made_of if self.is_class else (*self.method.offers, *self.role.made_of)
         for parameter in _signature(self.target).parameters.values():
-            if parameter.default is parameter.empty:
+            if parameter.default is parameter.empty or parameter.name in given:
                 continue
             if isinstance(parameter.default, FieldInfo):
                 found[parameter.name] = parameter.default
@@ -143,6 +145,8 @@ class Part:
             if key not in known:
                 near = difflib.get_close_matches(key, known, n=1)
                 hint = f"did you mean {self.role.name}.{near[0]}?" if near else f"it has {', '.join(known) or 'none'}"
+                if self.is_class and not near:
+                    hint += "; of a class they stand in the constructor"
                 raise MclError(f"{self.name} has no parameter {key!r}", hint)
         fields: dict[str, Any] = {key: (field.annotation, field) for key, field in known.items()}
         model = create_model("Own", __config__=ConfigDict(extra="forbid", allow_inf_nan=False), **fields)
@@ -151,7 +155,8 @@ class Part:
         except ValidationError as error:
             first = error.errors()[0]
             key = f"{self.role.name}.{first['loc'][0]}" if first["loc"] else self.role.name
-            raise MclError(f"{key}: {first['msg']}, got {first['input']!r}") from error
+            whole = "" if first["type"] != "int_from_float" else "its default is a whole number: write it with a point"
+            raise MclError(f"{key}: {first['msg']}, got {first['input']!r}", whole) from error
         for key, value in values.items():
             if not isinstance(value, PLAIN) and value is not None:
                 path, line = self.place
@@ -186,9 +191,10 @@ def _checked(role: Role, name: str, target: Any) -> Part:
         if method is None:
             needed = " or ".join(f"{method.name}({', '.join(method.leads)})" for method in role.methods)
             raise MclError(f"{bare.short} has no method {needed}", path=path, line=line)
-        own = {key for key, p in _signature(target).parameters.items() if p.default is not p.empty}
-        _check_names(_signature(target).parameters, 0, {*role.made_of, *own}, bare)
-        takes = dict(list(_signature(getattr(target, method.name)).parameters.items())[1:])
+        _check_names(_signature(target).parameters, 0, set(role.made_of), bare)
+        takes = dict(_signature(getattr(target, method.name)).parameters)
+        if not isinstance(inspect.getattr_static(target, method.name), staticmethod):
+            takes.pop(next(iter(takes), ""), None)  # the object itself
         _check_names(takes, len(method.leads), {*method.offers, *role.made_of}, bare)
         return replace(bare, method=method)
     return replace(bare, method=_meant(bare))
@@ -197,8 +203,12 @@ def _checked(role: Role, name: str, target: Any) -> Part:
 def _meant(part: Part) -> Method:
     """The method as which a plain function is meant."""
     role, parameters = part.role, _signature(part.target).parameters
+    path, line = part.place
     _check_plain(part, parameters)
     needed = [key for key, parameter in parameters.items() if parameter.default is parameter.empty]
+    of_role = {name for method in role.methods for name in (*method.leads, *method.offers, *role.made_of)}
+    if foreign := [key for key in needed if key in OFFERED - of_role]:
+        raise MclError(f"a {role.name} is not given {foreign[0]!r}", f"see {PAGE}", path=path, line=line)
     fitting = []
     for method in role.methods:
         leads = [key for key in needed if key not in (*method.offers, *role.made_of)]
@@ -206,10 +216,10 @@ def _meant(part: Part) -> Method:
             fitting.append(method)
     named = [method for method in fitting if method.first and needed[0] == method.first]
     if not (fitting := named or [method for method in fitting if not method.first]):
-        path, line = part.place
-        wanted = " or ".join(f"({', '.join((*method.leads, *method.offers))})" for method in role.methods)
+        wanted = " or ".join(f"({', '.join(method.leads)})" for method in role.methods)
         said = f"{part.short} takes ({', '.join(parameters)}): expected {wanted}"
-        raise MclError(said, "the last ones only if they are needed", path=path, line=line)
+        more = sorted({name for method in role.methods for name in (*method.offers, *role.made_of)})
+        raise MclError(said, f"and only as far as it needs them {', '.join(more)}", path=path, line=line)
     _check_names(parameters, len(fitting[0].leads), {*fitting[0].offers, *role.made_of}, part)
     return fitting[0]
 
@@ -217,16 +227,23 @@ def _meant(part: Part) -> Method:
 def _check_names(parameters: Mapping[str, inspect.Parameter], leads: int, offered: set[str], part: Part) -> None:
     path, line = part.place
     _check_plain(part, parameters)
-    for key, parameter in list(parameters.items())[leads:]:
-        if parameter.default is parameter.empty and key not in offered:
-            said = f"the argument {key!r} has no default, and is none of {', '.join(sorted(offered))}"
+    for number, (key, parameter) in enumerate(parameters.items()):
+        wrong = parameter.KEYWORD_ONLY if number < leads else parameter.POSITIONAL_ONLY
+        if parameter.kind is wrong:
+            how = "by its place, not by its name" if number < leads else "by its name, not by its place"
+            raise MclError(
+                f"{part.short} is given {key!r} {how}", "move the * or / in its arguments", path=path, line=line
+            )
+        if number >= leads and parameter.default is parameter.empty and key not in offered:
+            said = f"the argument {key!r} of {part.short} has no default, and is none of {', '.join(sorted(offered))}"
             raise MclError(said, "give it a default if it is a parameter of your own", path=path, line=line)
 
 
 def _check_plain(part: Part, parameters: Mapping[str, inspect.Parameter]) -> None:
     path, line = part.place
     if any(p.kind in (p.VAR_KEYWORD, p.VAR_POSITIONAL) for p in parameters.values()):
-        raise MclError("a part names its arguments, without * and **", path=path, line=line)
+        said = f"{part.name} takes *args or **kwargs, and a part names its arguments"
+        raise MclError(said, f"call it from a function that does: see {PAGE}", path=path, line=line)
 
 
 def _signature(target: Any) -> inspect.Signature:

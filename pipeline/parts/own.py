@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 from pipeline.parts.loading import Part, line_of, told
 
+FARTHEST = 1e6
+"""m: no pose and no step is farther."""
+
 
 class Own:
     """A part with its parameters, ready to be called.
@@ -51,6 +54,8 @@ class Own:
 
     def array(self, answer: Any, shape: tuple[int, ...], what: str) -> NDArray[np.float64]:
         """The answer as float64, if it has this shape and is finite all over. Raises MclError if not."""
+        if answer is None:
+            raise self.wrong(f"it returned nothing, expected {what}, {shape}")
         try:
             array = np.asarray(answer, np.float64)
         except (TypeError, ValueError) as error:
@@ -60,6 +65,28 @@ class Own:
         if not np.isfinite(array).all():
             raise self.wrong(f"it gave {what} that are not finite")
         return array
+
+    def poses(self, answer: Any, shape: tuple[int, ...], what: str = "poses") -> NDArray[np.float64]:
+        """The same of poses or steps, which are no farther than any robot is. Raises MclError if not."""
+        array = self.array(answer, shape, what)
+        if array.size and np.abs(array).max() > FARTHEST:
+            raise self.wrong(f"it gave {what} as large as {np.abs(array).max():.3g}, expected metres and radians")
+        return array
+
+    def pair(self, answer: Any, what: str) -> tuple[Any, Any]:
+        """The two things that the answer consists of. Raises MclError if they are not two."""
+        if isinstance(answer, tuple | list) and len(answer) == 2:
+            return answer[0], answer[1]
+        raise self.wrong(f"it gave {'nothing' if answer is None else type(answer).__name__}, expected {what}")
+
+    def covariance(self, answer: Any) -> NDArray[np.float64]:
+        """A covariance (3, 3) of a pose. Raises MclError if it is none."""
+        matrix = self.array(answer, (3, 3), "a covariance")
+        if np.abs(matrix).max() > FARTHEST**2:
+            raise self.wrong(f"it gave a covariance as large as {np.abs(matrix).max():.3g}")
+        if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix)[0] < -1e-9 * max(np.abs(matrix).max(), 1e-9):
+            raise self.wrong("it gave a covariance that is not symmetric, or negative in some direction")
+        return (matrix + matrix.T) / 2.0
 
     def wrong(self, said: str) -> MclError:
         """An error that names the part, its file and its first line."""
@@ -73,4 +100,6 @@ class Own:
             raise
         except Exception as error:
             said = f"{self._part.role.name} {self._part.short}: {told(error)}"
-            raise MclError(said, path=self._path, line=line_of(error, self._path)) from error
+            scalar = isinstance(error, TypeError) and ("0-dimensional" in str(error) or "length-1" in str(error))
+            hint = "it is given arrays: use np.exp and its like, not math.exp" if scalar else ""
+            raise MclError(said, hint, path=self._path, line=line_of(error, self._path)) from error

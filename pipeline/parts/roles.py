@@ -78,7 +78,7 @@ _ROLES: Final = (
     ),
     Role(
         "resampler",
-        (Method("draw", ("weights", "n"), ("rng", "key")),),
+        (Method("draw", ("weights", "n"), ("rng",)),),
         {
             "low_variance": "pipeline.filter.resampling:low_variance",
             "multinomial": "pipeline.filter.resampling:multinomial",
@@ -99,3 +99,7 @@ _ROLES: Final = (
 )
 ROLES: Final[Mapping[str, Role]] = {role.name: role for role in _ROLES}
 """By the name of the parameter."""
+OFFERED: Final = frozenset(
+    name for role in _ROLES for method in role.methods for name in (*method.offers, *role.made_of)
+)
+"""Every name by which some part is given something."""

@@ -21,8 +21,8 @@ OF_SENSOR = "sensor_model."
 
 def learnable(config: Config) -> list[str]:
     """Parameters of the user's own beam model that can be learned: those that are numbers with a fraction."""
-    own = config.own_part("sensor_model")
-    if own is None or own.method.name != "density":
+    found = config.written("sensor_model")
+    if found is None or found[0].method.name != "density":
         return []
     return [key for key, value in config.own.items() if key.startswith(OF_SENSOR) and isinstance(value, float)]
 
@@ -43,7 +43,7 @@ def fit_own_model(readings: Sequence[Readings], config: Config) -> Fit:
         return sum(float(r.log_likelihood(tried).sum()) for r in few) / max(count, 1)
 
     history = [mean(config)]
-    start = np.array([float(config.own[name]) for name in names])
+    start = np.array([config.own[name] for name in names], np.float64)
     positive = start > 0.0
     if not names:
         return Fit(config, tuple(history))

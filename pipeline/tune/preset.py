@@ -64,7 +64,7 @@ def _default(name: str) -> Any:
     return Config.model_fields[name].default if name in Config.model_fields else None
 
 
-def _own(value: bool | float | str) -> str:
+def _own(value: bool | float | str | None) -> str:
     return number(value) if isinstance(value, float) else _plain(value)
 
 

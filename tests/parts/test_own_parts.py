@@ -99,12 +99,18 @@ def test_a_saved_configuration_means_the_same_from_any_folder(examples: Path, mo
         ("def part(weights, n)\n    return 1", ["resampler"], 1, "cannot be loaded: SyntaxError"),
         ("import nowhere_at_all", ["resampler"], 1, "nowhere_at_all"),
         ("def other(weights, n):\n    return 1", ["resampler"], None, "there is no 'part' in it"),
-        ("def part(weights):\n    return 1", ["resampler"], 1, r"expected \(weights, n, rng, key\)"),
+        ("def part(weights):\n    return 1", ["resampler"], 1, r"expected \(weights, n\) \(and .* config, rng\)"),
         ("\ndef part(weights, n, luck):\n    return 1", ["resampler"], 2, r"takes \(weights, n, luck\)"),
-        ("def part(weights, n, **more):\n    return 1", ["resampler"], 1, "without \\* and \\*\\*"),
+        ("def part(weights, n, **more):\n    return 1", ["resampler"], 1, "names its arguments"),
         ("class part:\n    def throw(self):\n        pass", ["resampler"], 1, r"has no method draw\(weights, n\)"),
         ("def part(weights, n, luck=1.0):\n    pass", ["resampler", "resampler.lock=2"], None, "mean resampler.luck"),
         ("def part(weights, n, luck=1.0):\n    pass", ["resampler", "resampler.luck=x"], None, "luck: .*number"),
+        ("def part(weights, n, luck=1):\n    pass", ["resampler", "resampler.luck=0.5"], None, "with a point"),
+        ("def part(before, after, expected):\n    pass", ["motion_model"], 1, "is not given 'expected'"),
+        ("def part(weights, *, n):\n    pass", ["resampler"], 1, "'n' by its place"),
+        ("def part(weights, n, rng, /):\n    pass", ["resampler"], 1, "'rng' by its name"),
+        ("class part:\n    def draw(self, weights, n, luck=1.0):\n        pass", ["resampler", "resampler.luck=2"],
+         None, "stand in the constructor"),
         ("def part(weights, n, luck=[]):\n    pass", ["resampler"], 1, "only numbers"),
         ("part = 3", ["resampler"], None, "neither a function nor a class"),
     ],
@@ -136,6 +142,16 @@ def test_a_name_that_is_none_is_refused(name: str, said: str) -> None:
     [
         ("resampler", "def part(weights, n):\n    return [0] * (n - 1)", 1, "array of .499,., expected indices"),
         ("resampler", "def part(weights, n):\n    return [n + 10**6] * n", 1, "index outside 0 to 499"),
+        ("resampler", "import numpy as np\ndef part(weights, n):\n    return np.arange(n) + 0.5", 2, "no indices"),
+        ("resampler", "import numpy as np\ndef part(weights, n):\n    return weights > 0", 2, "bool values"),
+        ("motion_model", "def part(poses, before, after):\n    poses[:] = 0", 1, "returned nothing"),
+        ("motion_model", "import math\ndef part(poses, before, after):\n    return math.exp(poses)", 3, "np.exp"),
+        ("motion_model", "import numpy as np\ndef part(old, new):\n    return new + 1e9, np.eye(3)", 2, "as large"),
+        ("filter", "class part:\n    def update(self, scan, step):\n        return 0.0, 1.0", 1, r"particles of \(\)"),
+        ("filter", "import numpy as np\nclass part:\n    def update(self, scan, step):\n"
+         "        return np.zeros(3), -np.eye(3)", 2, "negative in some direction"),
+        ("filter", "import numpy as np\nclass part:\n    def update(self, scan, step):\n"
+         "        return np.zeros((100, 3)), np.ones(100)", 2, r"particles of \(100, 3\)"),
         ("resampler", "def part(weights, n):\n    x = 1\n    return 1 / (x - 1)", 3, "ZeroDivisionError"),
         ("motion_model", "def part(poses, before, after):\n    return poses * float('nan')", 1, "not finite"),
         ("motion_model", "def part(poses, before, after):\n    return poses.T", 1, "expected poses, .3, 256"),
@@ -157,6 +173,32 @@ def test_what_a_part_must_not_return_is_told_with_its_place(
     with pytest.raises(MclError, match=said) as caught:
         localize(drive.part(slice(30)), config)
     assert (caught.value.path, caught.value.line) == (path, line)
+
+
+def test_what_is_given_is_no_parameter_and_none_is_a_value(tmp_path: Path, drive: Log) -> None:
+    (tmp_path / "mine.py").write_text(
+        "def part(weights, n, rng=None, config=None, start=None):\n"
+        "    assert rng is not None and config.max_particles == 500\n"
+        "    return rng.choice(len(weights), n, p=weights / weights.sum())\n"
+    )
+    config = load_config(None, [f"resampler={tmp_path}/mine.py:part"], **FEW)
+    assert config.own == {"resampler.start": None}
+    (tmp_path / "c.yaml").write_text(dump_config(config))
+    assert load_config(tmp_path / "c.yaml") == config
+    short = drive.part(slice(20))
+    np.testing.assert_array_equal(localize(short, config, seed=3).poses, localize(short, config, seed=3).poses)
+
+
+def test_a_part_cannot_change_what_it_is_given(tmp_path: Path, drive: Log) -> None:
+    (tmp_path / "mine.py").write_text(
+        "def rough(poses, before, after):\n    before += 5\n    after[:] = 1e5\n    return poses\n"
+        "def gentle(poses, before, after):\n    return poses\n"
+    )
+    short, found = drive.part(slice(20)), []
+    for name in ("rough", "gentle"):
+        config = load_config(None, [f"motion_model={tmp_path}/mine.py:{name}", "odometry=wheels"], **FEW)
+        found.append(localize(short, config).poses)
+    np.testing.assert_array_equal(*found)
 
 
 def test_a_compiled_function_is_taken_as_it_is(tmp_path: Path, drive: Log, way: Trajectory) -> None:
