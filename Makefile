@@ -12,7 +12,7 @@ DATA ?= ../shared/data
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: help setup demo test docs lint format bench sweep fuzz faults pictures clean
+.PHONY: help setup demo test slow docs lint format bench sweep fuzz faults pictures clean
 .DEFAULT_GOAL := help
 
 help:  ## Show what can be made
@@ -35,6 +35,9 @@ test: lint  ## Everything that is checked: style, types, layers, tests
 
 docs: $(INSTALLED)  ## The documentation as a site, in build/site; runs its notebooks, and fails at any warning
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+slow: $(INSTALLED)  ## The tests that take long, and look at nearly the same as quicker ones
+	$(BIN)/pytest -m slow --numprocesses auto --maxprocesses 4 --dist loadscope
 
 lint: $(INSTALLED)  ## Style, types and layers only
 	$(BIN)/ruff check

@@ -62,6 +62,8 @@ def real(request: pytest.FixtureRequest, shared_data: Path, tmp_path_factory: py
     return read_log(path).part(slice(FIRST))
 
 
-@pytest.mark.parametrize("odometry", ["both", "laser", "wheels"])
+@pytest.mark.parametrize(
+    "odometry", ["both", *(pytest.param(name, marks=pytest.mark.slow) for name in ("laser", "wheels"))]
+)
 def test_in_real_buildings(real: Log, odometry: str) -> None:
     assert_nothing_looks_ahead(real, odometry, cuts=1)

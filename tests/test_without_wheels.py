@@ -42,7 +42,7 @@ def test_in_the_embedded_office(office: Log, known: bool, seed: int) -> None:
     assert_there(office, run(office, seed, known=known))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", [SEEDS[0], *(pytest.param(seed, marks=pytest.mark.slow) for seed in SEEDS[1:])])
 @pytest.mark.parametrize("known", [True, False], ids=["known start", "unknown start"])
 @pytest.mark.parametrize("name", ["office", "room", "apartment"])
 def test_in_other_buildings(name: str, known: bool, seed: int) -> None:

@@ -36,7 +36,10 @@ def alive(pid: int) -> bool:
         return False
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    "number",
+    [pytest.param(signal.SIGKILL, marks=pytest.mark.slow, id="SIGKILL"), pytest.param(signal.SIGTERM, id="SIGTERM")],
+)
 def test_who_is_killed_leaves_nothing(tmp_path, number):
     here = Path(__file__)
     script = SCRIPT.format(path=[str(here.parent), str(here.parents[2])])

@@ -42,6 +42,7 @@ def test_a_read_only_folder_is_told_and_two_at_once_do_no_harm(name: str, desk: 
     assert breakdowns.two_at_once(desk, BY_NAME[name]) == []
 
 
+@pytest.mark.slow
 def test_a_cache_that_is_cut_is_made_again(desk: Desk) -> None:
     assert breakdowns.cut_cache(desk, random.Random(0)) == []
 

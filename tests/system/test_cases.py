@@ -73,41 +73,41 @@ def right(run: Path, truth: Path) -> float:
 
 
 @pytest.mark.parametrize("typed", FOUND)
-def test_it_is_localized(typed: str, cases: Path, mcl: Command, tmp_path: Path) -> None:
+def test_it_is_localized(typed: str, cases: Path, typed_here: Command, tmp_path: Path) -> None:
     name, *options = typed.split()
     truth, share, note = FOUND[typed]
     run = tmp_path / "run"
-    done = mcl("localize", cases / name, *options, "--map", cases / "map/office.yaml", "--no-record", "-o", run)
+    done = typed_here("localize", cases / name, *options, "--map", cases / "map/office.yaml", "--no-record", "-o", run)
     assert note in done.stderr
     assert right(run, cases / truth if truth else sample_dir() / "office_truth.tum") >= share
 
 
 @pytest.mark.parametrize("name", MAPS)
-def test_on_a_map_of_somebody_elses(name: str, cases: Path, mcl: Command, tmp_path: Path) -> None:
+def test_on_a_map_of_somebody_elses(name: str, cases: Path, typed_here: Command, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    done = mcl("localize", cases / "base.mcap", "--map", cases / f"map/{name}.yaml", "--no-record", "-o", run)
+    done = typed_here("localize", cases / "base.mcap", "--map", cases / f"map/{name}.yaml", "--no-record", "-o", run)
     assert MAPS[name] in done.stderr
     assert right(run, cases / BASE) >= 0.95
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_one_line_says_what_would_help(name: str, cases: Path, mcl: Command, tmp_path: Path) -> None:
-    done = mcl("localize", cases / name, "--map", cases / "map/office.yaml", "-o", tmp_path / "run", code=1)
+def test_one_line_says_what_would_help(name: str, cases: Path, typed_here: Command, tmp_path: Path) -> None:
+    done = typed_here("localize", cases / name, "--map", cases / "map/office.yaml", "-o", tmp_path / "run", code=1)
     (line,) = done.stderr.splitlines()
     assert REFUSED[name] in line
 
 
 @pytest.mark.parametrize("robot", ["1", "2"])
-def test_one_of_two_robots(robot: str, cases: Path, mcl: Command, tmp_path: Path) -> None:
+def test_one_of_two_robots(robot: str, cases: Path, typed_here: Command, tmp_path: Path) -> None:
     options = ("--map", cases / "map/office.yaml", "--no-record", "-o", tmp_path / "run")
-    done = mcl("localize", cases / "two_robots.mcap", "--scan-topic", f"/robot{robot}/scan", *options)
+    done = typed_here("localize", cases / "two_robots.mcap", "--scan-topic", f"/robot{robot}/scan", *options)
     assert f"/robot{robot}/odom; odom -> base_link -> laser" in done.stderr
     assert right(tmp_path / "run", cases / BASE) >= 0.95
 
 
-def test_a_simulation_that_was_reset(cases: Path, mcl: Command, tmp_path: Path) -> None:
+def test_a_simulation_that_was_reset(cases: Path, typed_here: Command, tmp_path: Path) -> None:
     options = ("--map", cases / "map/office.yaml", "--no-record", "-o", tmp_path / "run")
-    done = mcl("localize", cases / "sim_reset.mcap", *options)
+    done = typed_here("localize", cases / "sim_reset.mcap", *options)
     assert "at message 61: it begins a new stretch" in done.stderr
     stamps = read_tum(tmp_path / "run" / "trajectory.tum").stamps
     assert (len(stamps), int(np.argmax(np.diff(stamps)))) == (160, 59)

@@ -8,11 +8,11 @@ from pathlib import Path
 from commands import FEW, Command, Journey
 
 
-def test_shares_of_the_wall_are_compared_and_judged(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+def test_shares_of_the_wall_are_compared_and_judged(typed_here: Command, journey: Journey, tmp_path: Path) -> None:
     """Runs that are kept are told again without being run, in JSON and as a picture of the other kind."""
     asked = ("--perturb-map", "0,0.2", "--perturb-map", "unknown:0.6", "--calibration", "--keep", tmp_path / "kept")
     options = (*FEW, "--runs", 1, "--jobs", 1, *asked, "--plot", tmp_path / "plot.png", "--force")
-    said = mcl("evaluate", journey.short, *options).stdout
+    said = typed_here("evaluate", journey.short, *options).stdout
     changed = said.partition("\nmaps made wrong\n")[2].partition("\nright, where")[0].splitlines()[1:]
     assert [line.split()[1:3] for line in changed] == [["unchanged", "0"], ["mixed", "20"], ["unknown", "60"]]
     assert abs(float(changed[2].split()[3]) - 60) < 3
@@ -20,7 +20,7 @@ def test_shares_of_the_wall_are_compared_and_judged(mcl: Command, journey: Journ
         assert heading in said
     first, files = (tmp_path / "plot.png").read_bytes(), sorted((tmp_path / "kept").iterdir())
     assert len(files) == 3
-    plain = json.loads(mcl("evaluate", journey.short, *options, "--json").stdout)
+    plain = json.loads(typed_here("evaluate", journey.short, *options, "--json").stdout)
     assert sorted((tmp_path / "kept").iterdir()) == files
     variants = plain["variants"]
     assert [variant["values"]["map"] for variant in variants] == ["unchanged", "mixed:0.2", "unknown:0.6"]
@@ -31,5 +31,5 @@ def test_shares_of_the_wall_are_compared_and_judged(mcl: Command, journey: Journ
     assert scans["scans"] == variants[0]["logs"]["short"]["seeds"][0]["scored"]
     assert abs(scans["base_rate"]["value"] - right[0]) < 1e-9
     without = [word for word in options if word != "--calibration"]
-    mcl("evaluate", journey.short, *without)
+    typed_here("evaluate", journey.short, *without)
     assert (tmp_path / "plot.png").read_bytes() != first

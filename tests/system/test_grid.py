@@ -10,21 +10,21 @@ from commands import Command, Journey
 COARSE = ("--set", "grid_d=0.2", "--set", "grid_a=0.07", "--set", "record_particles=200")
 
 
-def test_a_run_on_a_grid_is_a_run(mcl: Command, journey: Journey, tmp_path: Path) -> None:
+def test_a_run_on_a_grid_is_a_run(typed_here: Command, journey: Journey, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    said = mcl("localize", journey.log, "--set", "filter=grid", *COARSE, "-o", run).stderr
+    said = typed_here("localize", journey.log, "--set", "filter=grid", *COARSE, "-o", run).stderr
     assert "true: found" in said
     truth = json.loads((run / "run.json").read_text(encoding="utf-8"))["truth"]
     assert 0.0 < truth["certain_at"] < 20.0
     assert truth["success"]
-    assert "converged" in mcl("inspect", run).stdout
-    at = mcl("inspect", run, "--at", 30).stdout
+    assert "converged" in typed_here("inspect", run).stdout
+    at = typed_here("inspect", run, "--at", 30).stdout
     assert "sigma" in at
     assert (run / "trajectory_hindsight.tum").is_file()
 
 
-def test_it_is_evaluated_beside_particles(mcl: Command, journey: Journey) -> None:
-    told = mcl(
+def test_it_is_evaluated_beside_particles(typed_here: Command, journey: Journey) -> None:
+    told = typed_here(
         "evaluate", journey.short, "--vary", "filter=mcl,grid", *COARSE, "--runs", 1, "--jobs", 1, "--particles", 3000
     ).stdout
     _, second = told.split("90 % of the belief at the true place")

@@ -14,20 +14,20 @@ from pipeline.simulate import sample_dir
 
 
 @pytest.fixture(scope="module")
-def bare(mcl: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bare(typed_here: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The embedded office without odometry, with its map and its truth."""
     sample, log = sample_dir(), tmp_path_factory.mktemp("bare") / "bare.mcap"
     known = ("--map", sample / "office.dat.gz", "--ground-truth", sample / "office_truth.tum")
-    mcl("convert", sample / "office.log.gz", *known, "--without-odometry", "-o", log)
+    typed_here("convert", sample / "office.log.gz", *known, "--without-odometry", "-o", log)
     return log
 
 
 @pytest.mark.parametrize("known", [False, True], ids=["unknown start", "known start"])
-def test_the_robot_is_found(mcl: Command, bare: Path, tmp_path: Path, known: bool) -> None:
+def test_the_robot_is_found(typed_here: Command, bare: Path, tmp_path: Path, known: bool) -> None:
     truth, folder = read_tum(sample_dir() / "office_truth.tum"), tmp_path / "run"
     x, y, yaw = truth.poses[0].tolist()
     start = (f"--pose={x},{y},{yaw}",) if known else ()
-    told = json.loads(mcl("localize", bare, *start, "--seed", 1, "--json", "-o", folder).stdout)
+    told = json.loads(typed_here("localize", bare, *start, "--seed", 1, "--json", "-o", folder).stdout)
     assert told["truth"]["success"]
     assert {path.name for path in folder.iterdir()} >= {"run.rrd", "trajectory.tum", "config.yaml", "run.json"}
     for name in ("trajectory.tum", "trajectory_hindsight.tum"):
@@ -35,13 +35,13 @@ def test_the_robot_is_found(mcl: Command, bare: Path, tmp_path: Path, known: boo
         assert np.hypot(*(found.poses[-1] - truth.poses[-1])[:2]) < 0.5
 
 
-def test_it_is_scored(mcl: Command, bare: Path) -> None:
-    told = json.loads(mcl("evaluate", bare, "--runs", 1, "--jobs", 1, "--json").stdout)["logs"]["bare"]
+def test_it_is_scored(typed_here: Command, bare: Path) -> None:
+    told = json.loads(typed_here("evaluate", bare, "--runs", 1, "--jobs", 1, "--json").stdout)["logs"]["bare"]
     assert told["successes"] == told["runs"] == 1
     assert told["position_error"]["median"] < 0.2
 
 
-def test_nobody_can_believe_wheels_that_are_not_there(mcl: Command, bare: Path, tmp_path: Path) -> None:
+def test_nobody_can_believe_wheels_that_are_not_there(typed_here: Command, bare: Path, tmp_path: Path) -> None:
     """The laser is heard instead."""
-    told = mcl("localize", bare, "--set", "odometry=wheels", "--no-record", "--json", "-o", tmp_path / "run")
+    told = typed_here("localize", bare, "--set", "odometry=wheels", "--no-record", "--json", "-o", tmp_path / "run")
     assert json.loads(told.stdout)["truth"]["success"]

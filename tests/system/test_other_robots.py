@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 from commands import FEW, Command, Journey
 
 from pipeline.maps.map_server import save_map
@@ -42,6 +43,7 @@ def test_a_map_goes_to_ros_and_comes_back(mcl: Command, journey: Journey, tmp_pa
     assert again.returncode == 0
 
 
+@pytest.mark.slow
 def test_a_pioneer_in_birmingham(mcl: Command, shared_data: Path, tmp_path: Path) -> None:
     """A bag of ROS 1 and its twin of ROS 2, another laser and other topics: found from anywhere in the building."""
     folder, truth = shared_data / "uob_pioneer", shared_data / "uob_pioneer" / "trace0_groundtruth.tum"

@@ -6,6 +6,7 @@ import gzip
 import json
 from pathlib import Path
 
+import pytest
 from commands import FEW, Command
 
 
@@ -33,6 +34,7 @@ def test_a_log_of_wean_hall_comes_back_number_by_number(mcl: Command, shared_dat
     assert Path(grid).read_bytes().split() == gzip.decompress((raw / "wean.dat.gz").read_bytes()).split()
 
 
+@pytest.mark.slow
 def test_a_robot_that_was_carried_off_is_found_again(mcl: Command, shared_data: Path, tmp_path: Path) -> None:
     """Thirty seconds of log 2 are missing; the corridor looks the same every six metres."""
     raw, log = shared_data / "cmu", tmp_path / "carried.mcap"

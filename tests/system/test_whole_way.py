@@ -141,6 +141,7 @@ def test_evaluate_scores_seeds_and_draws_them(mcl: Command, journey: Journey, tm
     assert list(tmp_path.iterdir()) == [picture]
 
 
+@pytest.mark.slow
 def test_evaluate_compares_the_sensor_models_in_one_table(mcl: Command, journey: Journey, tmp_path: Path) -> None:
     models = ("beam", "likelihood_field", "likelihood_field_prob")
     pose = ",".join(str(v) for v in read_tum(journey.raw / "office_truth.tum").poses[0].tolist())
@@ -166,6 +167,7 @@ def test_evaluate_compares_the_sensor_models_in_one_table(mcl: Command, journey:
     assert one == same
 
 
+@pytest.mark.slow
 def test_a_limit_is_asked_of_every_variant(mcl: Command, journey: Journey) -> None:
     lost = ("--set", "init=pose", *FEW, "--runs", 1, "--jobs", 1, "--require-success", "0.95")
     done = mcl("evaluate", journey.log, *lost, "--vary", "initial_pose=[1, 1, 0],[2, 1, 0]", code=3)

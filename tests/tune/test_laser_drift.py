@@ -146,6 +146,7 @@ def test_hindsight_tells_the_drift_in_a_building_as_the_truth_does(driven: Log) 
         assert abs(getattr(by_hindsight, name) - getattr(by_truth, name)) < some_more, name
 
 
+@pytest.mark.slow
 def test_a_robot_without_wheels_teaches_the_laser_s_drift_alone(driven: Log) -> None:
     legless = dataclasses.replace(driven, wheels=False, odometry=np.zeros_like(driven.odometry))
     for log, changes in ((legless, {}), (driven, {"odometry": "laser"})):
