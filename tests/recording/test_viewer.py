@@ -71,7 +71,7 @@ def reports(viewer) -> dict[str, object]:
 
 
 @needs_vulkan
-@pytest.mark.parametrize("tab", [0, 1, 2])
+@pytest.mark.parametrize("tab", [0, *(pytest.param(tab, marks=pytest.mark.slow) for tab in (1, 2))])
 def test_no_view_reports_an_error(tmp_path, monkeypatch, showing, tab):
     monkeypatch.setattr(rerun_sink, "blueprint", functools.partial(rerun_sink.blueprint, tab=tab))
     log = drive(60)
@@ -118,7 +118,9 @@ def changed(a: np.ndarray, b: np.ndarray) -> float:
 
 
 @needs_vulkan
-@pytest.mark.parametrize("found", [False, True], ids=["log", "result"])
+@pytest.mark.parametrize(
+    "found", [pytest.param(False, id="log", marks=pytest.mark.slow), pytest.param(True, id="result")]
+)
 def test_an_mcap_shows_the_map_and_the_robot_moving(office, tmp_path, showing, found):
     path = office.path
     if found:

@@ -20,7 +20,11 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Desk:
 
 @pytest.mark.parametrize(
     ("name", "share", "sent"),
-    [("convert", 0.9, signal.SIGKILL), ("localize", 0.7, signal.SIGINT), ("share", 0.8, signal.SIGTERM)],
+    [
+        ("convert", 0.9, signal.SIGKILL),
+        ("localize", 0.7, signal.SIGINT),
+        pytest.param("share", 0.8, signal.SIGTERM, marks=pytest.mark.slow),
+    ],
 )
 def test_a_command_that_is_stopped_leaves_nothing_half_done(
     name: str, share: float, sent: signal.Signals, desk: Desk

@@ -37,7 +37,7 @@ def test_the_same_fault_is_made_by_evaluate(typed_here: Command, journey: Journe
     assert dead["scans_right"]["median"] < 0.5 < sound["scans_right"]["median"]
 
 
-@pytest.mark.parametrize("rates", [(0.1,), (0.1, 0.2)])
+@pytest.mark.parametrize("rates", [pytest.param((0.1,), marks=pytest.mark.slow), (0.1, 0.2)])
 def test_failures_on_the_way(typed_here: Command, journey: Journey, tmp_path: Path, rates: tuple[float, ...]) -> None:
     plot = tmp_path / "rates.png"
     asked = [word for rate in rates for word in ("--failures", rate)]

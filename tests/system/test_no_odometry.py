@@ -22,7 +22,9 @@ def bare(typed_here: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return log
 
 
-@pytest.mark.parametrize("known", [False, True], ids=["unknown start", "known start"])
+@pytest.mark.parametrize(
+    "known", [pytest.param(False, id="unknown start"), pytest.param(True, id="known start", marks=pytest.mark.slow)]
+)
 def test_the_robot_is_found(typed_here: Command, bare: Path, tmp_path: Path, known: bool) -> None:
     truth, folder = read_tum(sample_dir() / "office_truth.tum"), tmp_path / "run"
     x, y, yaw = truth.poses[0].tolist()

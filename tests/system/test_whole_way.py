@@ -134,8 +134,8 @@ def test_a_start_near_the_truth_stays_there_and_json_is_all_that_stdout_gets(
 def test_evaluate_scores_seeds_and_draws_them(mcl: Command, journey: Journey, tmp_path: Path) -> None:
     picture = tmp_path / "e.png"
     truth = ("--reference", journey.raw / "office_truth.tum")
-    done = mcl("evaluate", journey.log, *truth, *FEW, "--runs", 2, "--jobs", 2, "--plot", picture, "--json")
-    told = json.loads(done.stdout)["logs"]["drive"]
+    done = mcl("evaluate", journey.short, *truth, *FEW, "--runs", 2, "--jobs", 2, "--plot", picture, "--json")
+    told = json.loads(done.stdout)["logs"]["short"]
     assert told["runs"] == len(told["seeds"]) == 2
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.iterdir()) == [picture]
@@ -191,7 +191,7 @@ def test_a_result_for_ros_is_written_beside_the_folder(mcl: Command, journey: Jo
 
 def test_a_requested_limit_that_fails_is_exit_code_3(mcl: Command, journey: Journey) -> None:
     lost = ("--set", "init=pose", "--set", "initial_pose=[1, 1, 0]", *FEW)
-    done = mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0.95", code=3)
-    assert "drive" in done.stdout
-    assert done.stderr == "error: drive: 0 of 1 runs succeeded, 95 % required\n"
-    assert mcl("evaluate", journey.log, *lost, "--runs", 1, "--require-success", "0").stderr == ""
+    done = mcl("evaluate", journey.short, *lost, "--runs", 1, "--require-success", "0.95", code=3)
+    assert "short" in done.stdout
+    assert done.stderr == "error: short: 0 of 1 runs succeeded, 95 % required\n"
+    assert mcl("evaluate", journey.short, *lost, "--runs", 1, "--require-success", "0").stderr == ""

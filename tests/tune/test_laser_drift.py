@@ -161,6 +161,7 @@ def test_a_robot_without_wheels_teaches_the_laser_s_drift_alone(driven: Log) -> 
         assert learned.to_dict()["remarks"] == [remark]
 
 
+@pytest.mark.slow
 def test_wheels_alone_teach_nothing_of_the_laser(driven: Log) -> None:
     start = few(driven, odometry="wheels")
     learned = tune([driven], start)
