@@ -119,8 +119,15 @@ def beam_density(
 
     ``grid`` and ``laser``: for a model of the user's own that asks for them.
     """
+    if not is_density(config):
+        return Mixture(config, max_range)
     known = {name: value for name, value in (("grid", grid), ("laser", laser)) if value is not None}
     own = config.own_part("sensor_model", max_range=max_range, **known)
-    if own is not None and own.method.name == "density":
-        return OwnDensity(own, max_range)
-    return Mixture(config, max_range)
+    assert own is not None, "a density is a part of the user's own"
+    return OwnDensity(own, max_range)
+
+
+def is_density(config: Config) -> bool:
+    """Whether ``config.sensor_model`` is a beam model of the user's own."""
+    found = config.written("sensor_model")
+    return found is not None and found[0].method.name == "density"

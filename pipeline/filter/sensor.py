@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.config import Config
 from pipeline.filter.beam_model import BeamModel, Mixture
-from pipeline.filter.own_sensor import OwnLikelihood, beam_density
+from pipeline.filter.own_sensor import OwnLikelihood, beam_density, is_density
 from pipeline.filter.range_bias import RangeBias
 from pipeline.filter.search import Posterior, Search
 from pipeline.filter.step import Beams
@@ -108,10 +108,11 @@ class Sensor:
     def _instead(self, max_range: float) -> ScanModel | None:
         """What weighs the particles, if it is not a beam model."""
         config, grid, laser, angles = self._config, self._grid, self._laser, self._laser.angles[self._beams]
+        if is_density(config):
+            return None
         own = config.own_part("sensor_model", max_range=max_range, grid=grid, laser=laser)
         if own is not None:
-            likelihood = own.method.name == "log_likelihood"
-            return OwnLikelihood(own, grid, config, self._expected, angles) if likelihood else None
+            return OwnLikelihood(own, grid, config, self._expected, angles)
         kind = built_in(ROLES["sensor_model"], config.sensor_model)
         return None if kind is Mixture else kind(grid, laser, angles, config, max_range)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.config import Config
 from pipeline.errors import MclError
+from pipeline.filter.own_sensor import is_density
 from pipeline.tune.em import Array, Fit, Readings
 
 MOST_SCANS = 200
@@ -21,8 +22,7 @@ OF_SENSOR = "sensor_model."
 
 def learnable(config: Config) -> list[str]:
     """Parameters of the user's own beam model that can be learned: those that are numbers with a fraction."""
-    found = config.written("sensor_model")
-    if found is None or found[0].method.name != "density":
+    if not is_density(config):
         return []
     return [key for key, value in config.own.items() if key.startswith(OF_SENSOR) and isinstance(value, float)]
 
