@@ -20,6 +20,7 @@ from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
+from pipeline.yaml_errors import yaml_told
 
 Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
 PRESETS = Path(__file__).parent / "presets"
@@ -350,7 +351,6 @@ def dump_config(config: Config) -> str:
 
 def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]:
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
     path = PRESETS / f"{source}.yaml" if str(source) in preset_names() else Path(source)
     if not path.is_file():
@@ -359,16 +359,8 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
         text = path.read_text()
     except UnicodeDecodeError as error:
         raise MclError("not a text file", "expected YAML: parameter: value", path=path) from error
-    try:
+    with yaml_told(path):
         values = nav2.values_of_launch(text, path, remark) if nav2.is_launch(text) else YAML(typ="safe").load(text)
-    except MclError:
-        raise
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "not YAML"
-        raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
-    except Exception as error:  # numbers, dates and keys that Python cannot hold
-        raise MclError(f"not YAML: {error}", path=path) from error
     values = {} if values is None else values
     if not isinstance(values, Mapping):
         raise MclError("expected a mapping of parameter: value", path=path)

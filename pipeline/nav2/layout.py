@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from pipeline.errors import MclError
 from pipeline.nav2.given import KEY, NODE, Given, is_amcl, of_the_filter
+from pipeline.yaml_errors import yaml_told
 
 _INTEGER: Final = re.compile(r"[-+]?(0|[1-9][0-9]*|0x[0-9a-fA-F]+|0[0-7]+)")
 _DOUBLE: Final = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
@@ -75,7 +75,7 @@ def layout_of(text: str, path: Path | str) -> Layout:
     """Raises MclError, with the line, for what is no single YAML document with a mapping."""
     from ruamel.yaml import YAML
 
-    with _told(path):
+    with yaml_told(path):
         events = list(YAML(typ="safe", pure=True).parse(text))
     kinds = [type(event).__name__ for event in events]
     if kinds.count("DocumentStartEvent") > 1:
@@ -92,22 +92,8 @@ def load(text: str, path: Path | str) -> Any:
     """What YAML makes of the text. Raises MclError, with the line where there is one, for what is none."""
     from ruamel.yaml import YAML
 
-    with _told(path):
+    with yaml_told(path):
         return YAML(typ="safe", pure=True).load(text)
-
-
-@contextmanager
-def _told(path: Path | str) -> Iterator[None]:
-    from ruamel.yaml.error import YAMLError
-
-    try:
-        yield
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "not YAML"
-        raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
-    except Exception as error:  # numbers, dates and keys that Python cannot hold
-        raise MclError(f"not YAML: {error}", path=path) from error
 
 
 class _Reader:

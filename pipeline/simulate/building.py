@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from pipeline.errors import MclError
 from pipeline.geometry import Pose
+from pipeline.yaml_errors import yaml_told
 
 Point = tuple[float, float]
 NonNegative = Annotated[float, Field(ge=0.0)]
@@ -286,21 +287,14 @@ def load_building(path: Path) -> Building:
     Raises MclError with file and line: not YAML, an unknown key (naming the nearest one), a value out of bounds.
     """
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not a text file"
         raise MclError(f"cannot read the building: {reason}", path=path) from error
-    try:
+    with yaml_told(path):
         tree = YAML(typ="rt").load(text)
-    except YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or "not YAML"
-        raise MclError(str(problem), path=path, line=mark.line + 1 if mark else None) from error
-    except Exception as error:  # numbers, dates and keys that Python cannot hold
-        raise MclError(f"not YAML: {error}", path=path) from error
     if not isinstance(tree, dict):
         raise MclError("expected a mapping that describes a building", path=path)
     try:
