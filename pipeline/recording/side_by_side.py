@@ -103,7 +103,7 @@ def _fill(sink: Any, runs: Sequence[Shown], apart: Apart | None) -> None:
     if len(runs) > MOST:
         raise MclError(f"at most {MOST} runs fit into one picture, {len(runs)} were given")
     ids = "-".join(run.file.recording_id for run in runs)
-    one_map = all(_same_map(run.scenes, runs[0].scenes) for run in runs)
+    one_map = all(same_map(run.scenes, runs[0].scenes) for run in runs)
     layout = _blueprint(runs, one_map, apart is not None)
     with opened(sink, entities.SEVERAL_ID, f"side-by-side-{ids}"[:200], layout) as stream:
         for name, letter, run, colour in zip(called(runs), letters(len(runs)), runs, _colours(len(runs)), strict=True):
@@ -141,7 +141,8 @@ def _config(file: RrdFile) -> dict[str, Any]:
     return {}
 
 
-def _same_map(a: Scenes, b: Scenes) -> bool:
+def same_map(a: Scenes, b: Scenes) -> bool:
+    """Whether both draw the same map at the same place."""
     return (
         a.shades.shape == b.shades.shape
         and bool((a.shades == b.shades).all())
