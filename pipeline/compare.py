@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from string import ascii_uppercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,11 +16,11 @@ from pipeline.evaluate.metrics import interpolate, pose_errors
 from pipeline.export.run import Run, read_run
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import read_tum
-from pipeline.recording.rrd_file import MAGIC
 from pipeline.outputs import check_output, check_suffix, replacing
+from pipeline.recording.rrd_file import MAGIC
 
 if TYPE_CHECKING:
-    from pipeline.recording.side_by_side import Apart, Shown
+    from pipeline.recording.side_by_side import Apart, Shown, Way
 
 APART = 0.5
 """Metres between two estimates from which on they are said to part."""
@@ -32,8 +33,8 @@ MOST = 6
 
 @dataclass(frozen=True)
 class Track:
-    """The way as another filter has it, AMCL's or cartographer's for instance: its ``name``, that of a TUM file, and the
-    ``trajectory`` of the robot (base_link) in the map's frame."""
+    """Where another filter, AMCL for instance, has the robot: its ``name``, that of a TUM file, and the ``trajectory``
+    of base_link in the map's frame."""
 
     name: str
     trajectory: Trajectory
@@ -58,7 +59,9 @@ def read_compared(paths: Sequence[Path]) -> list[Compared]:
         raise MclError("the first one is a run, which has the map and the scans", "name it first", path=paths[0])
     for path, one in zip(paths, found, strict=True):
         if isinstance(one, Track) and not len(compare(found[0], one).times):
-            raise MclError("no pose of this file is of the time of the first run", "are its stamps those of the log?", path=path)
+            raise MclError(
+                "no pose of this file is of the time of the first run", "are its stamps those of the log?", path=path
+            )
     return found
 
 
@@ -119,8 +122,8 @@ def figures(run: Run) -> Figures:
 
 def track_figures(track: Track, beside: Run) -> Figures:
     """What is known of another filter's way: against the truth of the run, at its scans."""
-    at, _, poses = _common(beside, track)
-    error = pose_errors(poses, beside.scenes.truth[at])[0] if len(at) else np.empty(0)
+    at = _common(beside, track)[0]
+    error = track_errors(track, beside)[0]
     known = error[~np.isnan(error)]
     return Figures(
         log=track.name,
@@ -212,16 +215,6 @@ class Comparison:
             },
         }
 
-    def config_rows(self) -> list[tuple[str, str, str]]:
-        """Parameters that differ, as (name, value, value) texts."""
-        return [(name, _shown(a), _shown(b)) for name, (a, b) in self.config.items()]
-
-    def figure_rows(self) -> list[tuple[str, str, str]]:
-        """Figures as (name, value, value) texts."""
-        a, b = self.figures
-        rows = [("log", a.log, b.log), ("seed", _shown(a.seed), _shown(b.seed))]
-        return [*rows, *((name, show(a), show(b)) for name, show in FIGURES if (show(a), show(b)) != ("-", "-"))]
-
     def apart_rows(self) -> list[tuple[str, str, str]]:
         """When the estimates were apart, as texts: from when to when, how far at first, and at the worst."""
         return [
@@ -231,18 +224,19 @@ class Comparison:
         ]  # fmt: skip
 
 
-def compare(a: Run, b: Compared) -> Comparison:
+def compare(a: Run, b: Run | Track) -> Comparison:
     """What differs between two runs, or a run and a track; their estimates at the scans that both have, told apart by
     the stamps. Between the poses of a track the way is taken as straight."""
     left, at_a, at_b = _common(a, b)
     position, turn = pose_errors(at_a, at_b)
     times = a.told.times[left]
-    other = b if isinstance(b, Run) else None
+    told = figures(b) if isinstance(b, Run) else track_figures(b, a)
+    other = b if isinstance(b, Run) else a
     return Comparison(
-        figures=(figures(a), figures(other) if other else track_figures(b, a)),
+        figures=(figures(a), told),
         config=differing([a, b]),
-        same_log=other is None or a.told.log_sha256 == other.told.log_sha256,
-        same_map=other is None or a.told.map_sha256 == other.told.map_sha256,
+        same_log=a.told.log_sha256 == other.told.log_sha256,
+        same_map=a.told.map_sha256 == other.told.map_sha256,
         apart=_stretches(times, position, turn),
         scans=a.told.scan_indices[left],
         times=times,
@@ -271,61 +265,90 @@ def differing(compared: Sequence[Compared]) -> dict[str, tuple[Any, ...]]:
     return found
 
 
-def table(compared: Sequence[Compared]) -> dict[str, tuple[str, ...]]:
-    """A text for everyone by what it tells: log and seed, the parameters that differ, and figures known of any.
+def config_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
+    """The parameters that differ, as texts: the name, and everyone's value."""
+    return [(name, *map(_shown, values)) for name, values in differing(compared).items()]
+
+
+def figure_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
+    """What is known of any, as texts: what it is, and everyone's, beginning with log and seed.
 
     Tracks are held against the truth of the first run.
     """
     first = next(one for one in compared if isinstance(one, Run))
     told = [figures(one) if isinstance(one, Run) else track_figures(one, first) for one in compared]
-    rows = {"log": tuple(one.log for one in told), "seed": tuple(_shown(one.seed) for one in told)}
-    rows |= {name: tuple(map(_shown, values)) for name, values in differing(compared).items()}
-    shown = {label: tuple(show(one) for one in told) for label, show in FIGURES}
-    return rows | {label: texts for label, texts in shown.items() if set(texts) != {"-"}}
+    shown = [(label, *(show(one) for one in told)) for label, show in FIGURES]
+    rows = [("log", *(one.log for one in told)), ("seed", *(_shown(one.seed) for one in told)), *shown]
+    return [row for row in rows if set(row[1:]) != {"-"}]
 
 
-def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:
-    """Write one recording that shows the runs on the same time line; of one run a whole copy, whatever its damage.
+def table(compared: Sequence[Compared]) -> dict[str, tuple[str, ...]]:
+    """A text for everyone by what it tells: log and seed, the parameters that differ, and figures known of any."""
+    log, seed, *known = figure_rows(compared)
+    return {name: tuple(texts) for name, *texts in (log, seed, *config_rows(compared), *known)}
+
+
+def record(compared: Sequence[Compared], output: Path, *, force: bool = False) -> None:
+    """Write one recording that shows runs on the same time line, and the ways of tracks on the map of the first run;
+    of one run a whole copy, whatever its damage.
 
     Raises MclError as `write_side_by_side`, or if ``output`` exists and ``force`` does not say to replace it.
     """
-    from pipeline.recording.side_by_side import write_run, write_side_by_side
+    from pipeline.recording.side_by_side import Shown, write_run, write_side_by_side
 
     check_output(output, force)
     check_suffix(output, ".rrd", "the name of a recording ends in .rrd")
+    shown = _to_show(compared)
     with replacing(output) as partial:
-        if len(runs) == 1:
-            write_run(partial, _to_show(runs)[0])
+        if len(shown) == 1 and isinstance(shown[0], Shown):
+            write_run(partial, shown[0])
         else:
-            write_side_by_side(partial, _to_show(runs), apart=_distance(runs))
+            write_side_by_side(partial, shown, apart=_distances(compared))
 
 
 def send(runs: Sequence[Run], address: str) -> None:
     """Show a run, or several side by side, in the viewer at ``address``. Raises MclError if it takes nothing."""
-    from pipeline.recording.side_by_side import send_run, send_side_by_side
+    from pipeline.recording.side_by_side import Shown, send_run, send_side_by_side
 
-    if len(runs) == 1:
-        send_run(address, _to_show(runs)[0])
+    shown = _to_show(runs)
+    if len(shown) == 1 and isinstance(shown[0], Shown):
+        send_run(address, shown[0])
     else:
-        send_side_by_side(address, _to_show(runs), apart=_distance(runs))
+        send_side_by_side(address, shown, apart=_distances(runs))
 
 
-def _to_show(runs: Sequence[Run]) -> list[Shown]:
-    from pipeline.recording.side_by_side import Shown
+def _to_show(compared: Sequence[Compared]) -> list[Shown | Way]:
+    from pipeline.recording.side_by_side import Shown, Way
 
-    return [Shown(f"{run.name}, seed {run.seed}", run.file, run.scenes) for run in runs]
+    shown: list[Shown | Way] = []
+    for one in compared:
+        if isinstance(one, Run):
+            shown.append(Shown(f"{one.name}, seed {one.seed}", one.file, one.scenes))
+        else:
+            first = next(run for run in compared if isinstance(run, Run))
+            rows, _, poses = _common(first, one)
+            shown.append(Way(one.name, first.told.scan_indices[rows], first.told.times[rows], poses))
+    return shown
 
 
-def _distance(runs: Sequence[Run]) -> Apart | None:
-    if len(runs) != 2:
-        return None
-    found = compare(*runs)
-    return (found.scans, found.times, found.distances) if found.common else None
+def _distances(compared: Sequence[Compared]) -> dict[str, Apart]:
+    """Of everyone but the first, by their letters, where they have scans in common with it."""
+    first, *others = compared
+    assert isinstance(first, Run)
+    pairs = zip(ascii_uppercase[1:], (compare(first, other) for other in others), strict=False)
+    return {letter: (found.scans, found.times, found.distances) for letter, found in pairs if found.common}
 
 
 def errors(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Position (m) and heading (rad) error of every scan, (n,) each; NaN where the truth is not known."""
     return pose_errors(run.scenes.estimates, run.scenes.truth)
+
+
+def track_errors(track: Track, beside: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position (m) and heading (rad) error of a track at the scans of a run at which it says something, against the
+    truth of that run, (n,) each; NaN where the truth is not known."""
+    rows, _, poses = _common(beside, track)
+    return pose_errors(poses, beside.scenes.truth[rows])
 
 
 def _or_dash(value: float | None, show: Callable[[float], str], dash: str = "-") -> str:

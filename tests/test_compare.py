@@ -115,12 +115,12 @@ def test_a_table_tells_of_every_run_what_differs_and_what_came_out(runs):
 
 def test_one_recording_shows_both(runs, tmp_path):
     path = tmp_path / "both.rrd"
-    write_side_by_side(path, [Shown(run.name, run.file, run.scenes) for run in runs[:2]], apart=None)
+    write_side_by_side(path, [Shown(run.name, run.file, run.scenes) for run in runs[:2]], apart={})
     there = {chunk.entity_path for chunk in read_rrd(path).chunks}
     assert {"/A/world/particles", "/B/world/particles", "/A/world/map", "/all/A/path", "/all/B/robot"} <= there
     assert not any("timings" in entity for entity in there)
     with pytest.raises(MclError, match="exists already"):
-        write_side_by_side(path, [], apart=None)
+        write_side_by_side(path, [], apart={})
 
 
 def test_runs_of_the_same_name_are_told_apart_by_their_parameters(runs):
@@ -147,7 +147,7 @@ def test_a_whole_copy_of_a_damaged_recording_can_be_made(paths, tmp_path):
 def test_different_maps_are_not_laid_over_each_other(runs, tmp_path):
     other = read_run(write(tmp_path / "d.rrd", log=drive(20, origin=(5.0, 0.0, 0.0))))
     shown = [Shown(run.name, run.file, run.scenes) for run in (runs[0], other)]
-    write_side_by_side(tmp_path / "both.rrd", shown, apart=None)
+    write_side_by_side(tmp_path / "both.rrd", shown, apart={})
     assert not any(chunk.entity_path.startswith("/all") for chunk in read_rrd(tmp_path / "both.rrd").chunks)
 
 
@@ -157,7 +157,7 @@ def test_compare_as_it_is_typed(typed, paths, tmp_path):
     assert done.stderr.splitlines()[-1].endswith(f"rerun {tmp_path / 'both.rrd'}")
     assert done.stdout.splitlines()[-1] == str(tmp_path / "both.rrd")
     assert "sigma_hit" in done.stdout
-    assert "/apart/distance" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}
+    assert "/apart/distance/B" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}
     again = typed("compare", paths[0], paths[1], "-o", tmp_path / "both.rrd")
     assert (again.exit_code, "exists already" in again.stderr) == (1, True)
     (tmp_path / "cut.rrd").write_bytes(paths[0].read_bytes()[:-40_000])

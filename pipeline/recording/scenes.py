@@ -71,8 +71,8 @@ class Scenes:
     ``labels``: the texts at a scan's hypotheses; ``joined`` (n,): the path goes on from the scan before;
     ``truth`` (n, 3), NaN where unknown; ``hindsight``: rows (k, 2), a piece of the path each;
     ``heat`` rows (m, 3): what a search of the building found, x, y and a level, in the scans that show it;
-    ``changed`` rows (m, 3): the cells where the world is not as mapped, x, y and index into palette.CHANGED_COLOURS, one
-    row for each time that more was known of them, from the scan of row ``changed_at`` (u,) on until the next;
+    ``changed`` rows (m, 3): cells where the world is not as mapped, x, y and index into palette.CHANGED_COLOURS; a row
+    for each time that more was known of them, true from the scan of row ``changed_at`` (u,) on until the next;
     ``curves``: (n,) by the names of CURVES, NaN where there is none.
     """
 

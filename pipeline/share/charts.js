@@ -12,7 +12,7 @@ function inks() {
 function lines(curve) {
   const found = [];
   for (const run of runs) {
-    const values = run.D[curve.name], times = curve.name === "apart" ? run.D.apart_times : run.D.times;
+    const values = run.D[curve.name], times = run.D[`${curve.name}_times`] || run.D.times;
     if (values && values.some(v => v === v)) found.push({run, times, values, colour: css(alone ? curve.colour : run.colour)});
   }
   return found;

@@ -46,6 +46,7 @@ const chip = kind => make("span", {className: `verdict ${kind.split(" ")[0]}`, t
 const said = run => run.row < 0 ? "Not begun yet." : run.said[run.D.said_at[run.row]];
 const letter = run => {
   const made = make("span", {className: "letter", textContent: run.letter});
-  made.style.background = css(run.colour);
+  const [r, g, b] = run.colour;
+  made.style.background = css(run.colour); made.style.color = 2 * r + 7 * g + b < 1100 ? "#fff" : "#000";
   return made;
 };

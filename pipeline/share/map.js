@@ -112,7 +112,7 @@ function robot({c, k, sx, sy}, poses, row, colour, name = "") {
     c.strokeStyle = stroke; c.lineWidth = width; c.beginPath(); c.arc(sx(x), sy(y), r, 0, 7);
     c.moveTo(sx(x), sy(y)); c.lineTo(sx(x) + 2.2 * r * Math.cos(turn), sy(y) - 2.2 * r * Math.sin(turn)); c.stroke();
   }
-  if (name) lettering(c, name, sx(x) + r + 3, sy(y) + r + 12);
+  if (name) lettering(c, name, sx(x) + r + 3 + 15 * (name.charCodeAt(0) - 65), sy(y) + r + 12);  // of robots at one place all are read
 }
 
 function lettering(c, words, x, y, colour = "#111") {

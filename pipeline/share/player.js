@@ -124,6 +124,7 @@ function fromHash() {
 
 const metres = v => v === undefined || v !== v ? "–" : `${v.toFixed(2)} m`;
 const degrees = angle => `${(angle * 180 / Math.PI).toFixed(1)}°`;
+const errorOf = run => run.D.error ? run.D.error[lastUntil(run.D.error_times || run.D.times, clock)] : undefined;
 const fromA = run => run.D.apart ? run.D.apart[lastUntil(run.D.apart_times, clock)] : undefined;
 
 function tellOne(run) {
@@ -144,7 +145,7 @@ function tellAll() {
   return make("table", {}, heads, ...runs.map(run => {
     const verdict = verdictOf(run);
     return make("tr", {}, ...cells("th", letter(run), verdict ? chip(verdict[0]) : "–"),
-      ...cells("td", metres(run.D.error ? run.D.error[run.row] : undefined), run === runs[0] ? "" : metres(fromA(run))));
+      ...cells("td", metres(errorOf(run)), run === runs[0] ? "" : metres(fromA(run))));
   }));
 }
 

@@ -1,4 +1,4 @@
-"""One page with a run, or several on one clock, and a small player of our own: maps, a time line, what is the matter."""
+"""One page with a run, or several on one clock, and a small player: maps, a time line, and what is the matter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.compare import Compared, Track, compare, table
+from pipeline.compare import Compared, Stretch, Track, compare, table, track_errors
 from pipeline.export.run import Run
 from pipeline.judgement.verdict import KINDS
 from pipeline.recording import palette
@@ -61,17 +61,21 @@ def packed(compared: Sequence[Compared]) -> tuple[dict[str, Any], bytes]:
     for k, one in enumerate(compared[1:], start=1):
         found = compare(first, one)
         arrays[k] |= {"apart_times": found.times, "apart": found.distances.astype(np.float32)}
-        events += [
-            {"time": s.begin, "level": "WARN", "run": k, "parts": True,
-             "text": f"Parts from A at {s.begin:.1f} s: {s.distance:.2f} m away; until {s.end:.1f} s, at most {s.most:.2f} m."}
-            for s in found.apart
-        ]  # fmt: skip
+        if isinstance(one, Track):
+            error = track_errors(one, first)[0]
+            arrays[k] |= {"error_times": found.times, "error": error.astype(np.float32)}
+        events += [_parting(stretch, k) for stretch in found.apart]
     where, data = laid_out(arrays)
     rows = {} if alone else table(compared)
     head = {
         "title": _name(first) if alone else ", ".join(dict.fromkeys(run.name for run in runs)),
         "runs": [
-            {"name": _name(one), "arrays": found, **_looks(one, k, alone), **(_run(one) if isinstance(one, Run) else {})}
+            {
+                "name": _name(one),
+                "arrays": found,
+                **_looks(one, k, alone),
+                **(_run(one) if isinstance(one, Run) else {}),
+            }
             for k, (one, found) in enumerate(zip(compared, where, strict=True))
         ],
         "one_map": all(same_map(run.scenes, first.scenes) for run in runs),
@@ -116,6 +120,15 @@ def _events(run: Run, k: int, first: Run) -> list[dict[str, Any]]:
         for event in run.told.events
         if event.kind != "resampled"
     ]
+
+
+def _parting(stretch: Stretch, k: int) -> dict[str, Any]:
+    turn = np.degrees(stretch.turn)
+    text = (
+        f"Parts from A at {stretch.begin:.1f} s: {stretch.distance:.2f} m and {turn:.0f} deg apart; "
+        f"until {stretch.end:.1f} s, at the worst {stretch.most:.2f} m."
+    )
+    return {"time": stretch.begin, "level": "WARN", "run": k, "text": text}
 
 
 def _looks(one: Compared, k: int, alone: bool) -> dict[str, Any]:

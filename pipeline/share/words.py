@@ -36,7 +36,12 @@ def _matter(run: Run, row: int, since: int) -> str:
     elif kind == "off the map":
         told = [f"The robot is followed at {_place(run, row)}, where the map knows nothing; {_sure(probability)}."]
     elif kind == "ambiguous":
-        told = [_places(run, row, FEW), "What the laser has seen does not decide between them.", _since(run, row, since), _beams(run, row)]
+        told = [
+            _places(run, row, FEW),
+            "What the laser has seen does not decide between them.",
+            _since(run, row, since),
+            _beams(run, row),
+        ]
     else:
         told = [*_why_lost(run, row, probability), _since(run, row, since), _beams(run, row)]
     return " ".join(sentence for sentence in (*told, _truth(run, row)) if sentence)
