@@ -47,6 +47,6 @@ const said = run => run.row < 0 ? "Not begun yet." : run.said[run.D.said_at[run.
 const letter = run => {
   const made = make("span", {className: "letter", textContent: run.letter});
   const [r, g, b] = run.colour;
-  made.style.background = css(run.colour); made.style.color = 2 * r + 7 * g + b < 1100 ? "#fff" : "#000";
+  made.style.background = css(run.colour); made.style.color = 2 * r + 7 * g + b < 1030 ? "#fff" : "#000";
   return made;
 };

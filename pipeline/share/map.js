@@ -71,7 +71,7 @@ class Picture {
       Object.assign(view, {x, y});
     }
     const c = canvas.getContext("2d"), k = view.scale;
-    const at = {c, k, w, h, sx: p => (p - x) * k + w / 2, sy: q => h / 2 - (q - y) * k, near: k > 25};
+    const at = {c, k, w, h, sx: p => (p - x) * k + w / 2, sy: q => h / 2 - (q - y) * k, near: k > 25, taken: []};
     c.setTransform(1, 0, 0, 1, 0, 0); c.fillStyle = css(head.unknown); c.fillRect(0, 0, canvas.width, canvas.height);
     const [ox, oy, yaw] = run.map.origin, f = ratio * k * run.map.resolution, cos = Math.cos(yaw), sin = Math.sin(yaw);
     c.imageSmoothingEnabled = f < 1;
@@ -105,14 +105,22 @@ function path({c, sx, sy}, poses, until, joined, colour, width, dash = []) {
   c.stroke(); c.setLineDash([]);
 }
 
-function robot({c, k, sx, sy}, poses, row, colour, name = "") {
+function robot({c, k, sx, sy, taken}, poses, row, colour, name = "") {
   const [x, y, turn] = poses.subarray(3 * row, 3 * row + 3), r = Math.max(0.3 * k, 7);
   if (x !== x) return;
   for (const [stroke, width] of [["#fff", 5], [colour, 2.5]]) {
     c.strokeStyle = stroke; c.lineWidth = width; c.beginPath(); c.arc(sx(x), sy(y), r, 0, 7);
     c.moveTo(sx(x), sy(y)); c.lineTo(sx(x) + 2.2 * r * Math.cos(turn), sy(y) - 2.2 * r * Math.sin(turn)); c.stroke();
   }
-  if (name) lettering(c, name, sx(x) + r + 3 + 15 * (name.charCodeAt(0) - 65), sy(y) + r + 12);  // of robots at one place all are read
+  if (name) labelled(c, taken, name, sx(x) + r + 3, sy(y) + r + 12, 15, 0);
+}
+
+// Words beside what they belong to, or a step further where others stand already.
+function labelled(c, taken, words, x, y, across, down, colour) {
+  const wide = 8 * words.length + 6;
+  while (taken.some(([p, q, r]) => p < x + wide && x < p + r && Math.abs(q - y) < 16)) { x += across; y += down; }
+  taken.push([x, y, wide]);
+  lettering(c, words, x, y, colour);
 }
 
 function lettering(c, words, x, y, colour = "#111") {
@@ -193,13 +201,8 @@ function scene(at, run) {
   if (layers.estimate) robot(at, D.estimates, row, own, run.letter);
   if (layers.hypotheses) {
     const [a] = span("hypotheses");
-    const taken = [];  // where words stand already; they are written below each other then
     run.labels[row].forEach((words, i) => {
-      const x = sx(D.hypotheses[5 * (a + i)]) + 9, wide = 8 * words.length;
-      let y = sy(D.hypotheses[5 * (a + i) + 1]) - 9;
-      while (taken.some(([p, q, r]) => p < x + wide && x < p + r && Math.abs(q - y) < 16)) y += 16;
-      taken.push([x, y, wide]);
-      lettering(c, words, x, y, "rgb(150,25,95)");
+      labelled(c, at.taken, words, sx(D.hypotheses[5 * (a + i)]) + 9, sy(D.hypotheses[5 * (a + i) + 1]) - 9, 0, 16, "rgb(150,25,95)");
     });
   }
 }
