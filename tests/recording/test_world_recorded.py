@@ -16,6 +16,8 @@ from pipeline.judgement.verdict import KINDS, Verdict
 from pipeline.recording import columns, entities, palette
 from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.rerun_sink import BATCH
+from pipeline.recording.rrd_file import read_rrd
+from pipeline.recording.scenes import read_scenes
 
 SPANS = (("lost", 0), ("ambiguous", 20), ("found", 30), ("off the map", BATCH), ("found", 2 * BATCH + 5))
 """Verdicts, and the scans from which on they hold: also one that changes where a batch begins, and one within it."""
@@ -61,6 +63,14 @@ def test_what_is_not_as_mapped_is_drawn_where_more_is_known(record: Callable[...
         np.testing.assert_allclose(np.array(xyz).reshape(-1, 3)[:, :2], drawn[:, :2], atol=DISPLAY_STEP)
         rgb = palette.CHANGED_COLOURS[drawn[:, 2].astype(int)].astype(np.uint32)
         assert packed == ((rgb[:, 0] << 24) + (rgb[:, 1] << 16) + (rgb[:, 2] << 8) + 255).tolist()
+
+
+def test_what_is_not_as_mapped_is_read_back(record: Callable[..., Any], judged: list[Step]) -> None:
+    scenes = read_scenes(read_rrd(record(scans=SCANS, seen=judged).path))
+    assert scenes.changed_at.tolist() == list(CHANGED)
+    assert scenes.changed.lengths.tolist() == [len(drawn) for drawn in CHANGED.values()]
+    np.testing.assert_allclose(scenes.changed.values, np.concatenate(list(CHANGED.values())), atol=DISPLAY_STEP)
+    assert not len(read_scenes(read_rrd(record(scans=30).path)).changed)
 
 
 def test_the_three_ways_to_be_otherwise_have_three_colours() -> None:
