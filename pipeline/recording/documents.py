@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.config import Config, dump_config
 from pipeline.logs.messages import Log
+from pipeline.recording.sensor_parts import WORDS, SensorParts
 
 _EXPLANATION = """\
 # What you see
@@ -153,21 +154,25 @@ def result(figures: Mapping[str, Any]) -> str:
     return f"# Result\n\n{_table('figure', {k: _shown(v) for k, v in figures.items()})}\n"
 
 
-def density(true_range: float, config: Config) -> str:
-    """What the plot of the sensor model shows."""
+def sensor_model(parts: SensorParts, config: Config) -> str:
+    """What the chart of the sensor model shows, and how far the log is from it."""
     weighed = ""
     if config.sensor_model != "beam":
         weighed = (
             f" **The particles of this run were weighed by {config.sensor_model} instead**: the beam model "
             "only proposed where they start, and where the robot might be when it seemed lost."
         )
-    weights = {name: f"{getattr(config, name):g}" for name in ("z_hit", "z_short", "z_long", "z_max", "z_rand")}
+    shares = parts.shares()
+    measured = ["-"] * len(WORDS) if shares.measured is None else [f"{share:.1f} %" for share in shares.measured]
+    rows = [
+        f"| {word} | {model:.1f} % | {seen} |" for word, model, seen in zip(WORDS, shares.model, measured, strict=True)
+    ]
     return (
-        f"Probability density of a reading *z* where the map's range is *z\\** = {true_range:g} m: "
-        f"a hit (z_hit {weights['z_hit']}, sigma {config.sigma_hit:g} m), something in the way "
-        f"(z_short {weights['z_short']}), an open door (z_long {weights['z_long']}), "
-        f"no return (z_max {weights['z_max']}), anything else (z_rand "
-        f"{weights['z_rand']}).{weighed}"
+        f"Per cent of the readings *z* in {parts.width:g} m, where the map's range is *z\\** = {parts.wall:g} m. In "
+        "each bin on the left the model, its parts on top of each other: hit (blue), short (vermilion), too long "
+        "(black), random (orange), and at the far right without return (grey). On the right in magenta what "
+        f"{parts.seen:,} beams of this log measured there. Random readings are no hits, and the log cannot tell them "
+        f"from short ones and long ones.{weighed}\n\n| part | model | this log |\n|---|---|---|\n" + "\n".join(rows)
     )
 
 

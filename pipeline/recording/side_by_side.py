@@ -25,12 +25,13 @@ from pipeline.recording.blueprint import (
     framed,
     known_area,
     looking_down,
-    map_views,
+    map_view,
     so_far,
 )
 from pipeline.recording.columns import curve_stops, segments, timelines, transforms
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile
+from pipeline.recording.scales import Scales
 from pipeline.recording.scenes import CURVES, Scenes
 from pipeline.recording.streams import opened, sending
 from pipeline.recording.witness_views import recorded_tab
@@ -94,7 +95,13 @@ def write_run(path: Path, run: Shown, *, tab: int = 0) -> None:
 
 
 def _fill_with_one(sink: Any, run: Shown, tab: int = 0) -> None:
-    layout = blueprint(run.scenes.grid, tab=tab, motion=recorded_tab(run.file))
+    layout = blueprint(
+        run.scenes.grid,
+        scales=Scales.of_chunks(run.file.chunks),
+        truth=bool(np.isfinite(run.scenes.truth).any()),
+        tab=tab,
+        motion=recorded_tab(run.file),
+    )
     with opened(sink, run.file.application_id, run.file.recording_id, layout) as stream:
         stream.send_chunks(run.file.chunks)
 
@@ -167,7 +174,7 @@ def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Bluepri
     areas = [known_area(run.scenes.grid) for run in runs]
     columns, aspect = _columns(areas)
     maps: list[rrb.View | rrb.Container] = [
-        map_views(area, below=f"/{letter}", name=name, aspect=aspect)[0]
+        map_view(area, below=f"/{letter}", name=name, aspect=aspect)
         for letter, name, area in zip(below, called(runs), areas, strict=True)
     ]
     tabs: list[rrb.View | rrb.Container] = [rrb.Grid(*maps, grid_columns=columns, name="Side by side")]
