@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pipeline.logs.result import ResultFile
-    from pipeline.recording.rerun_sink import Density, RerunSink
+    from pipeline.recording.rerun_sink import RerunSink
     from pipeline.world.seen import Seen
 
 HINDSIGHT = "trajectory_hindsight.tum"

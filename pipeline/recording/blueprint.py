@@ -16,7 +16,8 @@ from pipeline.recording.scales import Scales
 
 MARGIN = 1.05  # of the known area, left free around it
 ASPECT = 1.6  # of the map view in the layout below
-MAP_ASPECT = 1.3  # of the map beside the robot close up
+MAP_ASPECT = 1.7  # of the map beside the robot close up
+FULL = 1.05  # of a share: so that its axis has a mark at 1
 CLOSE, CLOSER = 6.0, 7.0  # metres seen above and below the robot, beside the map and alone
 FIELD_OF_VIEW = np.deg2rad(55.0)  # of the viewer's 3D camera, measured vertically
 FLAT_PIXELS = 1000.0  # along the longer side of the flat view
@@ -89,13 +90,16 @@ def whole_run(area: Area, scales: Scales, truth: bool) -> rrb.Container:
     verdict = rrb.StateTimelineView(
         origin=entities.VERDICT, name="What can be trusted, over the whole run", time_view=over_all()
     )
-    names = ("Error against the truth, and 2 sigma, m", "Uncertainty of the place, 2 sigma, m")
+    error = curves("Uncertainty of the place, 2 sigma, m", entities.TWO_SIGMA, most=scales.error)
+    if truth:
+        error = curves("Error (green) and 2 sigma (grey), m", entities.ERROR, entities.TWO_SIGMA, most=scales.error)
     beside = [
-        curves(names[not truth], *([entities.ERROR] if truth else []), entities.TWO_SIGMA, most=scales.error),
-        curves("Shares: beams that fit; estimate is right", entities.EXPLAINED, entities.PROBABILITY, most=1.0),
-        curves("Shares of beams that stop short, or pass through walls", entities.SHORT, entities.THROUGH, most=1.0),
+        error,
+        curves(
+            "Share of beams that fit (orange); right (magenta)", entities.EXPLAINED, entities.PROBABILITY, most=FULL
+        ),
+        curves("Beams stopped short (vermilion), through (violet)", entities.SHORT, entities.THROUGH, most=FULL),
         curves("Spread of the particles, m", entities.SPREAD, most=scales.spread),
-        curves("Particles, and how many say the same", entities.ESS, entities.PARTICLE_COUNT, most=scales.particles),
     ]
     happened = rrb.Tabs(
         rrb.TextDocumentView(origin=entities.EVENTS_TABLE, name="What happened until now, the newest first"),
@@ -107,17 +111,18 @@ def whole_run(area: Area, scales: Scales, truth: bool) -> rrb.Container:
         ),
         active_tab=0,
     )
-    seen = rrb.Horizontal(map_view(area, aspect=MAP_ASPECT), close_view(), column_shares=[8, 5])
-    main = rrb.Vertical(caption_view(), seen, verdict, happened, row_shares=[2.3, 11, 1.8, 3.4])
+    drawn = "Map. Magenta: as believed" + (", green: the truth" if truth else "") + ", light blue: as known at the end"
+    seen = rrb.Horizontal(map_view(area, name=drawn, aspect=MAP_ASPECT), close_view(), column_shares=[8, 5])
+    main = rrb.Vertical(caption_view(), seen, verdict, happened, row_shares=[3.0, 10.6, 2.3, 3.4])
     return rrb.Horizontal(main, rrb.Vertical(*beside), column_shares=[11, 4], name="The whole run")
 
 
 def one_scan(scales: Scales) -> rrb.Container:
     """The robot close up with its beams, the sensor model, and the weights of the particles."""
     sensor = rrb.BarChartView(
-        name="What a beam measures where the map ends it 5 m away, % (m)",
+        name="What beams measure where the map's range is z*: % of them, over m",
         origin=entities.PARTS,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        plot_legend=rrb.PlotLegend(visible=False),  # it would lie on the bars, whose colours the text below tells
     )
     weights = rrb.BarChartView(
         name="Weights of the particles: log10(weight / mean weight), %",
@@ -126,13 +131,15 @@ def one_scan(scales: Scales) -> rrb.Container:
     )
     beside = rrb.Vertical(
         weights,
-        curves("Particles, and how many say the same", entities.ESS, entities.PARTICLE_COUNT, most=scales.particles),
+        curves(
+            "Particles (grey), effective number (orange)", entities.ESS, entities.PARTICLE_COUNT, most=scales.particles
+        ),
         curves("Likelihood per beam, 1/m", entities.LIKELIHOOD, most=scales.likelihood),
         sensor,
         rrb.TextDocumentView(origin=entities.DENSITY_NOTE, name="The sensor model"),
-        row_shares=[4, 3, 3, 5, 5],
+        row_shares=[4, 3, 3, 5, 7],
     )
-    main = rrb.Vertical(caption_view(), close_view(CLOSER), row_shares=[1, 6])
+    main = rrb.Vertical(caption_view(), close_view(CLOSER), row_shares=[1.6, 6])
     return rrb.Horizontal(main, beside, column_shares=[5, 4], name="One scan")
 
 
@@ -147,7 +154,7 @@ def documents() -> list[rrb.View]:
 
 def caption_view() -> rrb.View:
     """What is the matter at the cursor, in words."""
-    return rrb.TextDocumentView(origin=entities.CAPTION, name="Now")
+    return rrb.TextDocumentView(origin=entities.CAPTION, name="Now", titlebar=False)
 
 
 def arranged(
@@ -193,7 +200,7 @@ def close_view(reach: float = CLOSE) -> rrb.View:
     # A view of what is seen from a place that moves along and never turns: rerun's camera tracks no such entity.
     return rrb.Spatial3DView(
         origin=entities.HERE,
-        name="Close up, following the robot",
+        name="Close up. Beams that fit (blue), short (red)",
         eye_controls=looking_down(Area((0.0, 0.0), (2 * reach, 2 * reach)), 1.0),
         line_grid=False,
         background=palette.UNKNOWN,
@@ -269,12 +276,12 @@ def over_all(around: float | None = None) -> rrb.TimeAxis:
 
 
 def curves(name: str, *shown: str, most: float | None = None, around: float | None = None) -> rrb.TimeSeriesView:
-    """Curves with a legend if there are several; from 0 to ``most`` if that is known; over the whole run, or so many
+    """Curves whose colours the name tells; from 0 to ``most`` if that is known; over the whole run, or so many
     seconds ``around`` the cursor."""
     return rrb.TimeSeriesView(
         name=name,
         contents=list(shown),
         axis_x=over_all(around),
         axis_y=None if most is None else rrb.ScalarAxis(range=(0.0, most), zoom_lock=True),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=len(shown) > 1),
+        plot_legend=rrb.PlotLegend(visible=False),  # it would lie on the curves, whose colours the name tells
     )

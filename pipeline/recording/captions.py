@@ -20,7 +20,11 @@ WORTH_A_NAME = 0.05
 MUCH_SHORT, MUCH_THROUGH = 0.25, 0.1
 """Shares of the beams from which on what stands in the way, or is gone, is worth a sentence in bold."""
 JUST = 1.0  # s for which a search of the building is news
+WIDE = 2.0  # m: particles that spread so far are all over the place
+OFF = 0.5  # share of the belief that is off the map
 EVENTS_KEPT = 6
+LEFT_OUT = ("resampled",)
+"""Kinds of events that matter to who tunes a filter, and not to who asks what happened."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,7 @@ class Captions:
     def __init__(self) -> None:
         self._known = False
         self._carried: float | None = None
+        self._unseen: float | None = None
         self._searched = -math.inf
         self._events: list[tuple[float, Event]] = []
 
@@ -73,15 +78,20 @@ class Captions:
             self._carried = None
         if step.heat is not None:
             self._searched = step.time
+        if any(event.kind == "gap" and event.level == "WARN" for event in step.events):
+            self._unseen = step.time
+        elif step.verdict.kind in TRUSTED:
+            self._unseen = None
         told = f"# {self._headline(step, missed)}\n{_beams(step)} {_belief(step)}{_off_by(step, missed)}"
         self._known |= step.verdict.kind in TRUSTED
         return told
 
     def events(self, step: Step) -> str | None:
         """A table of what happened last, the newest first, in Markdown; None if nothing happened at this scan."""
-        if not step.events and step.index:
+        news = [(step.time, event) for event in reversed(step.events) if event.kind not in LEFT_OUT]
+        if not news:
             return None
-        self._events = [*((step.time, event) for event in reversed(step.events)), *self._events][:EVENTS_KEPT]
+        self._events = [*news, *self._events][:EVENTS_KEPT]
         rows = [f"| {time:.1f} s | {event.kind} | {event.text} |" for time, event in self._events]
         return "\n".join(["| time | what | why |", "|---|---|---|", *rows])
 
@@ -96,25 +106,29 @@ class Captions:
                 return f"CARRIED OFF at {self._carried:.0f} s, and does not know it yet: {away}"
             return f"WRONG, and does not know it: {away}"
         if kind == "found":
-            much = step.short >= MUCH_SHORT or step.through >= MUCH_THROUGH
-            return "FOUND: it knows where it is, and is followed" + (
-                ", though the world is not as mapped here" if much else ""
-            )
+            known = "FOUND: it knows where it is"
+            if step.short >= MUCH_SHORT:
+                return f"{known}, though something stands in the way of {_percent(step.short)} of the beams"
+            if step.through >= MUCH_THROUGH:
+                return f"{known}, though {_percent(step.through)} of the beams go through mapped walls"
+            return f"{known}, and its place follows the robot"
         if kind == "off the map":
             return "OFF THE MAP: it drives where the map knows nothing; how it came there tells where it is"
         if kind == "ambiguous":
             best = [c for c in step.clusters if c.weight >= WORTH_A_NAME]
             return f"AMBIGUOUS: {len(best) if len(best) > 1 else 'a few'} places explain the scans about alike"
-        if step.off_map > 0.5:
-            return "LOST: the best guess is where the map knows nothing"
-        searched = step.time - self._searched <= JUST
-        if not self._known:
-            return "LOST: not found yet, " + (
-                "the whole map is being searched" if searched or step.spread > 2.0 else "the best guess may be wrong"
-            )
-        return "LOST: it was known before, and " + (
-            "the whole map is being searched" if searched else "is sought again; the best guess may be wrong"
-        )
+        if step.off_map > OFF:
+            return "LOST OFF THE MAP: it drives where the map knows nothing, and the best guess may be wrong"
+        since = "not found yet"
+        if self._carried is not None:
+            since = f"carried off at {self._carried:.0f} s"
+        elif self._unseen is not None:
+            since = f"perhaps carried off before {self._unseen:.0f} s, where scans are missing"
+        elif self._known:
+            since = "it was known before"
+        if step.time - self._searched <= JUST or step.spread > WIDE:
+            return f"LOST: {since}; the whole map is being searched"
+        return f"LOST: {since}; it is sought, and the best guess may be wrong"
 
 
 def silence(seconds: float) -> str:
@@ -128,7 +142,8 @@ def silence(seconds: float) -> str:
 def _beams(step: Step) -> str:
     rest = []
     if step.short >= 0.01:
-        why = " (a shut door, furniture or people in the way)" if step.short >= MUCH_SHORT else ""
+        much = step.short >= MUCH_SHORT and step.off_map <= OFF
+        why = " (a shut door, furniture or people in the way)" if much else ""
         rest.append(_stressed(f"{_percent(step.short)} stop short of the mapped walls{why}", bool(why)))
     if step.through >= 0.01:
         why = " (an open door, a wall that is gone, or another place)" if step.through >= MUCH_THROUGH else ""

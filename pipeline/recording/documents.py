@@ -164,6 +164,7 @@ def sensor_model(parts: SensorParts, config: Config) -> str:
         )
     shares = parts.shares()
     measured = ["-"] * len(WORDS) if shares.measured is None else [f"{share:.1f} %" for share in shares.measured]
+    measured[WORDS.index("random")] = "among short and too long"
     rows = [
         f"| {word} | {model:.1f} % | {seen} |" for word, model, seen in zip(WORDS, shares.model, measured, strict=True)
     ]
@@ -171,8 +172,9 @@ def sensor_model(parts: SensorParts, config: Config) -> str:
         f"Per cent of the readings *z* in {parts.width:g} m, where the map's range is *z\\** = {parts.wall:g} m. In "
         "each bin on the left the model, its parts on top of each other: hit (blue), short (vermilion), too long "
         "(black), random (orange), and at the far right without return (grey). On the right in magenta what "
-        f"{parts.seen:,} beams of this log measured there. Random readings are no hits, and the log cannot tell them "
-        f"from short ones and long ones.{weighed}\n\n| part | model | this log |\n|---|---|---|\n" + "\n".join(rows)
+        f"{parts.seen:,} beams of this log measured there. The beams that the map "
+        f"explains least are marked with dots on the map.{weighed}\n\n| part | model | this log |\n|---|---|---|\n"
+        + "\n".join(rows)
     )
 
 

@@ -1,7 +1,7 @@
 """The layout that travels ahead of a recording, and is corrected once the run is over: how high its curves reach.
 
-A second layout would add a tenth to a recording, its corrections add next to nothing; but what rerun offers to all sends
-whole ones. So this sends what belongs to one as rerun itself does.
+A second layout would add a tenth to a recording, corrections of the first add next to nothing. But rerun's public
+functions send whole layouts only, so this calls those that they call; rerun-sdk is pinned to one version.
 """
 
 from __future__ import annotations

@@ -53,9 +53,10 @@ from pipeline.recording.witness_columns import Row, witness_columns, witness_sty
 from pipeline.recording.witness_views import ground, motion_tab
 from pipeline.recording.witnesses import Hearing
 
-BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
+BATCH = 96  # scans per write: fewer cost time and bytes, more lose more when the process is killed
 ROOM = 1_000_000
 """Bytes that must be free: rerun waits for ever where not even the layout of its views can be written."""
+ABOVE = 0.03  # of the map's size, above the estimate: where its name stands
 HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
@@ -105,6 +106,7 @@ class RerunSink:
         self._longest_interval = longest_interval(log.times)
         self._truth = truth_at_scans(log)
         self._teller, self._told, self._apart = Teller(self._truth), list[Told](), False
+        self._above = ABOVE * max(known_area(log.grid).size)
         self._curves: dict[str, list[float]] = defaultdict(list)
         longest = log.laser.longest(config.laser_max_range)
         assert log.grid is not None, "a log without a map"
@@ -246,7 +248,7 @@ class RerunSink:
             self._outbox += batch_columns(self._frames, self._is_hit)
             steps = [frame.step for frame in self._frames]
             self._outbox += [*verdicts(steps, self._verdict), *changes(steps), worst_beams(steps, self._is_hit)]
-            self._outbox += told_columns(self._told, self._apart)
+            self._outbox += told_columns(self._told, self._apart, self._above)
             self._apart, self._told = are_apart(self._told[-1]), []
             self._sensor.hear(steps)
             self._verdict = steps[-1].verdict.kind

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.recording import entities
 
 ROBUST = 0.9
-"""Share of a run's values that its axis has room for; a search at the start, of many particles far apart, is cut off."""
+"""Share of a run's values that its axis has room for: a search at the start, with particles far apart, is cut off."""
 ROOM = 1.25
 
 
@@ -52,5 +52,3 @@ class Scales:
                 column = pa.Table.from_batches([chunk.to_record_batch()])["Scalars:scalars"].combine_chunks()
                 found[chunk.entity_path].append(column.flatten().to_numpy(zero_copy_only=False).astype(np.float64))
         return cls.of({entity: np.concatenate(parts) for entity, parts in found.items() if parts})
-
-

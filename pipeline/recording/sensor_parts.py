@@ -76,8 +76,8 @@ class SensorParts:
     def shares(self) -> Shares:
         """What the parts have of all readings. Those that are no hits are short or too long, random ones with them."""
         c = self._config
-        model = 100 * np.array([c.z_hit, c.z_short, c.z_long, c.z_rand, c.z_max])
-        return Shares(model / model.sum(), 100 * self._kinds / self.seen if self.seen else None)
+        model = np.array([c.z_hit, c.z_short, c.z_long, c.z_rand, c.z_max])
+        return Shares(100 * model / model.sum(), 100 * self._kinds / self.seen if self.seen else None)
 
     def model(self) -> dict[str, rr.BarChart]:
         """The charts of the model, by their name below ``entities.PARTS``; of one that is not a mixture, its sum."""

@@ -72,7 +72,7 @@ def scale_bars(centre: tuple[float, float], size: tuple[float, float]) -> dict[s
     sixth = max(size) / 6
     decade = 10.0 ** np.floor(np.log10(sixth))
     length = float(decade * max(step for step in (1, 2, 5) if step * decade <= sixth))
-    x, y = centre[0] - size[0] / 2 + 0.01 * size[0], centre[1] - size[1] / 2 + 0.01 * size[1]
+    x, y = centre[0] - size[0] / 2 + 0.01 * size[0], centre[1] - size[1] / 2 + 0.07 * size[1]  # its label is below
     return {
         entities.SCALE_BAR: _bar(x, y, length, max(size) / 100),
         entities.CLOSE_BAR: _bar(-CLOSE_REACH, -CLOSE_REACH, 1.0, 0.1),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.filter.step import Step
 from pipeline.recording import captions, entities, palette
 from pipeline.recording.captions import Captions, Error
-from pipeline.recording.columns import Columns, IsHit, lift, timelines
+from pipeline.recording.columns import Columns, IsHit, curve_stops, lift, timelines
 from pipeline.recording.truth import Truth
 
 WORST = 5
@@ -27,7 +27,8 @@ _hidden = rr.Radius.ui_points(0.5)
 @dataclass(frozen=True)
 class Told:
     """Of a scan: its caption and, where something happened, the table of events, both Markdown; the error, None where
-    the truth is unknown; ``two_sigma`` of the position, m; ``silent``: seconds for which nothing was measured before it, if they are many."""
+    the truth is unknown; ``two_sigma`` of the position, m; ``silent``: seconds for which nothing was measured before
+    it, if they are many."""
 
     step: Step
     caption: str
@@ -57,8 +58,9 @@ class Teller:
         return Told(step, caption, self._captions.events(step), missed, sigmas, silent)
 
 
-def told_columns(rows: Sequence[Told], apart: bool) -> list[Columns]:
-    """What these add (at least one); ``apart``: the robots on the map were said to be two before them."""
+def told_columns(rows: Sequence[Told], apart: bool, above: float) -> list[Columns]:
+    """What these add (at least one); ``apart``: the robots on the map were said to be two before them;
+    ``above``: how far above the believed one its name stands, m, since below there are shares."""
     index = timelines([r.step.index for r in rows], [r.step.time for r in rows])
     places = lift(np.stack([r.step.estimate.pose[:2] for r in rows]), 0.0)
     found: list[Columns] = [
@@ -71,7 +73,9 @@ def told_columns(rows: Sequence[Told], apart: bool) -> list[Columns]:
     known = [(r.step, r.missed.distance) for r in rows if r.missed is not None]
     if known:
         found.append(_curve(entities.ERROR, known))
-    return [*found, *_names(rows, apart)]
+    if ends := [r.step.time - r.silent for r in rows if r.silent is not None]:
+        found += [curve_stops(entity, ends) for entity in (entities.TWO_SIGMA, *([entities.ERROR] if known else []))]
+    return [*found, *_names(rows, apart, above)]
 
 
 def are_apart(told: Told) -> bool:
@@ -87,7 +91,7 @@ def worst_beams(steps: Sequence[Step], is_hit: IsHit) -> Columns:
         measured, expected = beams.measured.astype(np.float64), beams.expected.astype(np.float64)
         told = np.flatnonzero(np.isfinite(measured) & np.isfinite(expected))
         told = told[~is_hit(measured[told], expected[told])]
-        far = told[np.argsort(-np.abs(measured - expected)[told], kind="stable")[:WORST]]
+        far = told[np.argsort(-np.abs(measured[told] - expected[told]), kind="stable")[:WORST]]
         angles = beams.angles[far]
         ends.append(np.column_stack([np.cos(angles), np.sin(angles)]) * measured[far, None])
     index = timelines([s.index for s in steps], [s.time for s in steps])
@@ -138,7 +142,7 @@ def _silences(rows: Sequence[Told]) -> list[Columns]:
     ]
 
 
-def _names(rows: Sequence[Told], apart: bool) -> list[Columns]:
+def _names(rows: Sequence[Told], apart: bool, above: float) -> list[Columns]:
     """Names at the two robots, from where they part to where they come together again."""
     changes = []
     for row in rows:
@@ -150,12 +154,12 @@ def _names(rows: Sequence[Told], apart: bool) -> list[Columns]:
     index = timelines([s.index for s, _ in changes], [s.time for s, _ in changes])
     lengths = [int(two) for _, two in changes]
 
-    def named(name: str) -> list[Any]:
+    def named(name: str, y: float) -> list[Any]:
         shown = sum(lengths)
-        points = rr.Points3D.columns(positions=np.zeros((shown, 3), np.float32), labels=[name] * shown)
+        points = rr.Points3D.columns(positions=[(0.0, y, 0.0)] * shown, labels=[name] * shown)
         return list(points.partition(lengths))
 
     return [
-        (entities.ESTIMATE_NAME, index, named("believed here")),
-        (entities.TRUTH_NAME, index, named("truly here")),
+        (entities.ESTIMATE_NAME, index, named("believed here", above)),
+        (entities.TRUTH_NAME, index, named("truly here", 0.0)),
     ]
