@@ -157,19 +157,6 @@ def caption_view() -> rrb.View:
     return rrb.TextDocumentView(origin=entities.CAPTION, name="Now", titlebar=False)
 
 
-def arranged(
-    tabs: rrb.Tabs,
-    events: rrb.View,
-    beside: rrb.Vertical,
-    verdict: rrb.View | None = None,
-    name: str | None = None,
-) -> rrb.Container:
-    """The window of a recording: tabs with the verdict and the events below them, curves beside all."""
-    below = [events] if verdict is None else [verdict, events]
-    main = rrb.Vertical(tabs, *below, row_shares=[15, *([2] * (len(below) - 1)), 3])
-    return rrb.Horizontal(main, beside, column_shares=[5, 2], name=name)
-
-
 def framed(content: rrb.Container, timeline: str = entities.TIME) -> rrb.Blueprint:
     """A window of nothing but these views: rerun's own panels are away, and the cursor waits on the timeline."""
     return rrb.Blueprint(
@@ -275,13 +262,17 @@ def over_all(around: float | None = None) -> rrb.TimeAxis:
     return rrb.TimeAxis(view_range=rrb.TimeRange(start=begin, end=end))
 
 
-def curves(name: str, *shown: str, most: float | None = None, around: float | None = None) -> rrb.TimeSeriesView:
-    """Curves whose colours the name tells; from 0 to ``most`` if that is known; over the whole run, or so many
-    seconds ``around`` the cursor."""
+def curves(
+    name: str, *shown: str, most: float | None = None, around: float | None = None, legend: bool = False
+) -> rrb.TimeSeriesView:
+    """Curves from 0 to ``most`` if that is known; over the whole run, or so many seconds ``around`` the cursor.
+
+    ``legend``: which is which, where the name does not tell their colours; it lies on the curves.
+    """
     return rrb.TimeSeriesView(
         name=name,
         contents=list(shown),
         axis_x=over_all(around),
         axis_y=None if most is None else rrb.ScalarAxis(range=(0.0, most), zoom_lock=True),
-        plot_legend=rrb.PlotLegend(visible=False),  # it would lie on the curves, whose colours the name tells
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
     )

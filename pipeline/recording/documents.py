@@ -33,10 +33,21 @@ that is gone, floor of which the map knows nothing; shown once the scans that sa
 | light blue line | the path as known at the end of the log |
 | green ring, arrow and line | the truth, where the log knows it |
 
-Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the
-weight; 0 is the mean weight, 1 ten times that, the ends of the axis take what lies beyond); the effective sample size
-and the number of particles; how well the beams fit; how far the particles spread about the estimate. Below the map:
-whether the estimate can be trusted, and what happened. Click an event or a curve to go there.
+The tab *The whole run*: above, what is the matter at this second, in words. Below that the whole map, and beside it
+the same close up, where the estimate stays in the middle and north is up. Dots of vermilion at the ends of beams mark
+those that the map explains least. Places in question have letters, A the heaviest, and their shares of the belief.
+Where the believed robot is not where the true one is, both have their names. A bar says how long a metre is. Below:
+whether the estimate can be trusted, and what happened until then; the tab *All events* has the rest.
+
+The curves beside, from the top: the error against the truth, and 2 sigma, in metres (without
+the truth, 2 sigma alone); the share of the beams that fit, and the probability that the estimate is right; the shares
+of the beams that are stopped short and that pass through walls; how far the particles spread about the estimate. Once a
+run is over its axes have room for nine tenths of the values: what is higher, like a search at the start, is cut off.
+
+The tab *One scan* has the robot close up, and how the weights are distributed (grey: percent of the particles; magenta:
+percent of the weight; 0 is the mean weight, 1 ten times that, the ends of the axis take what lies beyond); how many
+particles there are and how many say as much (the effective number); the likelihood; and the sensor model in its parts
+beside what this log measured.
 
 The line below the map says what can be trusted. *Found*: the estimate is right with a probability of 90 % or more.
 *Ambiguous*: a few places are in question, whose shares stand beside them. *Off the map*: the robot drives where the map

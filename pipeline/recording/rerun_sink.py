@@ -57,6 +57,7 @@ BATCH = 96  # scans per write: fewer cost time and bytes, more lose more when th
 ROOM = 1_000_000
 """Bytes that must be free: rerun waits for ever where not even the layout of its views can be written."""
 ABOVE = 0.03  # of the map's size, above the estimate: where its name stands
+NEVER = 1e6  # seconds
 HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
@@ -116,8 +117,11 @@ class RerunSink:
         self._closed = False
         self._viewed = viewer is not None
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
+        # Written when told and never by the clock: what came between two of its ticks would change the order.
         self._stream = rr.RecordingStream(
-            entities.APPLICATION_ID, recording_id=entities.recording_id(log, config, seed)
+            entities.APPLICATION_ID,
+            recording_id=entities.recording_id(log, config, seed),
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=NEVER),
         )
         self._stream.set_log_time_enabled(False)
         self._started = np.datetime64(time.time_ns(), "ns")

@@ -19,7 +19,6 @@ from pipeline.recording import entities, palette
 from pipeline.recording.blueprint import (
     ASPECT,
     Area,
-    arranged,
     blueprint,
     curves,
     framed,
@@ -192,9 +191,9 @@ def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Bluepri
         )
     beside = [
         *([curves("Distance between the estimates, m", DISTANCE)] if apart else []),
-        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in below)),
-        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in below)),
-        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in below)),
+        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in below), legend=True),
+        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in below), legend=True),
+        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in below), legend=True),
     ]
     events = rrb.TextLogView(
         name="Events",
@@ -203,7 +202,8 @@ def _blueprint(runs: Sequence[Shown], one_map: bool, apart: bool) -> rrb.Bluepri
             timeline_columns=[entities.TIME], text_log_columns=["entitypath", "loglevel", "body"]
         ),
     )
-    return framed(arranged(rrb.Tabs(*tabs, active_tab=0), events, rrb.Vertical(*beside)))
+    main = rrb.Vertical(rrb.Tabs(*tabs, active_tab=0), events, row_shares=[5, 1])
+    return framed(rrb.Horizontal(main, rrb.Vertical(*beside), column_shares=[5, 2]))
 
 
 def _columns(areas: Sequence[Area]) -> tuple[int, float]:
