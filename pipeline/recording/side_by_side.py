@@ -19,18 +19,18 @@ from pipeline.recording import entities, palette
 from pipeline.recording.blueprint import (
     ASPECT,
     Area,
-    arranged,
     blueprint,
     curves,
     framed,
     known_area,
     looking_down,
-    map_views,
+    map_view,
     so_far,
 )
 from pipeline.recording.columns import curve_stops, segments, timelines, transforms
 from pipeline.recording.gaps import longest_interval
 from pipeline.recording.rrd_file import RrdFile
+from pipeline.recording.scales import Scales
 from pipeline.recording.scenes import CURVES, Scenes
 from pipeline.recording.streams import opened, sending
 from pipeline.recording.witness_views import recorded_tab
@@ -108,7 +108,13 @@ def write_run(path: Path, run: Shown, *, tab: int = 0) -> None:
 
 
 def _fill_with_one(sink: Any, run: Shown, tab: int = 0) -> None:
-    layout = blueprint(run.scenes.grid, tab=tab, motion=recorded_tab(run.file))
+    layout = blueprint(
+        run.scenes.grid,
+        scales=Scales.of_chunks(run.file.chunks),
+        truth=bool(np.isfinite(run.scenes.truth).any()),
+        tab=tab,
+        motion=recorded_tab(run.file),
+    )
     with opened(sink, run.file.application_id, run.file.recording_id, layout) as stream:
         stream.send_chunks(run.file.chunks)
 
@@ -200,7 +206,7 @@ def _blueprint(runs: Sequence[Shown | Way], one_map: bool, apart: Sequence[str])
     areas = [known_area(run.scenes.grid) for _, _, run in own]
     columns, aspect = _columns(areas)
     maps: list[rrb.View | rrb.Container] = [
-        map_views(area, below=f"/{letter}", name=name, aspect=aspect)[0]
+        map_view(area, below=f"/{letter}", name=name, aspect=aspect)
         for (letter, name, _), area in zip(own, areas, strict=True)
     ]
     tabs: list[rrb.View | rrb.Container] = [rrb.Grid(*maps, grid_columns=columns, name="Side by side")]
@@ -217,10 +223,10 @@ def _blueprint(runs: Sequence[Shown | Way], one_map: bool, apart: Sequence[str])
             )
         )
     beside = [
-        *([curves(_DISTANCES, *(f"{DISTANCE}/{letter}" for letter in apart))] if apart else []),
-        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in below)),
-        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in below)),
-        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in below)),
+        *([curves(_DISTANCES, *(f"{DISTANCE}/{letter}" for letter in apart), legend=True)] if apart else []),
+        curves("Share of the beams explained", *(f"/{letter}{entities.EXPLAINED}" for letter in below), legend=True),
+        curves("Spread of the particles, m", *(f"/{letter}{entities.SPREAD}" for letter in below), legend=True),
+        curves("Effective sample size", *(f"/{letter}{entities.ESS}" for letter in below), legend=True),
     ]
     events = rrb.TextLogView(
         name="Events",
@@ -229,7 +235,8 @@ def _blueprint(runs: Sequence[Shown | Way], one_map: bool, apart: Sequence[str])
             timeline_columns=[entities.TIME], text_log_columns=["entitypath", "loglevel", "body"]
         ),
     )
-    return framed(arranged(rrb.Tabs(*tabs, active_tab=0), events, rrb.Vertical(*beside)))
+    main = rrb.Vertical(rrb.Tabs(*tabs, active_tab=0), events, row_shares=[5, 1])
+    return framed(rrb.Horizontal(main, rrb.Vertical(*beside), column_shares=[5, 2]))
 
 
 def _columns(areas: Sequence[Area]) -> tuple[int, float]:

@@ -19,7 +19,7 @@ from pipeline.recording.rerun_sink import BATCH
 from pipeline.recording.rrd_file import read_rrd
 from pipeline.recording.scenes import read_scenes
 
-SPANS = (("lost", 0), ("ambiguous", 20), ("found", 30), ("off the map", BATCH), ("found", 2 * BATCH + 5))
+SPANS = (("lost", 0), ("ambiguous", 20), ("found", 30), ("off the map", BATCH), ("found", BATCH + 25))
 """Verdicts, and the scans from which on they hold: also one that changes where a batch begins, and one within it."""
 SCANS = 150
 
@@ -86,8 +86,8 @@ def test_verdicts_are_read_back(record: Callable[..., Any], judged: list[Step]) 
     found = inspect(record(scans=SCANS, seen=judged).path)
     assert [KINDS[k] for k in found.verdicts] == [step.verdict.kind for step in judged]
     assert found.probabilities.tolist() == [step.verdict.probability for step in judged]
-    there = found.pose_at(float(found.times[70]))
-    assert (there.verdict, there.probability) == ("off the map", judged[70].verdict.probability)
+    there = found.pose_at(float(found.times[BATCH + 6]))
+    assert (there.verdict, there.probability) == ("off the map", judged[BATCH + 6].verdict.probability)
     rows = dict(found.summary_rows())
     shares = [sum(s.verdict.kind == kind for s in judged) / SCANS for kind in KINDS]
     told = ", ".join(f"{kind} {100 * share:.0f} %" for kind, share in zip(KINDS, shares, strict=True))
