@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluate.metrics import pose_errors
-from pipeline.export.run import Run
+from pipeline.export.run import Run, differing
 from pipeline.outputs import check_output, check_suffix, replacing
 
 if TYPE_CHECKING:
@@ -178,13 +178,6 @@ def compare(a: Run, b: Run) -> Comparison:
         times=times,
         distances=position,
     )
-
-
-def differing(runs: Sequence[Run]) -> dict[str, tuple[Any, ...]]:
-    """The parameters in which the runs are not all alike: every run's value by name, None where it has none."""
-    names = dict.fromkeys(name for run in runs for name in run.told.config)
-    values = {name: tuple(run.told.config.get(name) for run in runs) for name in names}
-    return {name: found for name, found in values.items() if any(value != found[0] for value in found)}
 
 
 def table(runs: Sequence[Run]) -> dict[str, tuple[str, ...]]:
