@@ -24,8 +24,8 @@ HOLD = 1.0
 """Seconds that the last picture stays."""
 PALETTE_FROM = 8
 """Pictures whose colours make the palette of a GIF."""
-COLOURS = 63
-"""Of a GIF, beside the one that says "as before": there is text, and there are shades of 16 weights."""
+COLOURS = 127
+"""Of a GIF, beside the one that is transparent."""
 WEBP_QUALITY = 70
 H264 = {"crf": "22", "preset": "veryfast"}
 VP9 = {"crf": "36", "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"}
@@ -125,11 +125,24 @@ def _gif(path: Path, frames: Iterator[Raster], painter: Painter, fps: int) -> No
     rows = np.linspace(0, len(painter.run.scenes) - 1, PALETTE_FROM).astype(int)
     samples = np.concatenate([painter.draw(int(row))[::2, ::2] for row in rows])
     palette = Image.fromarray(samples).quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    indexed = (Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
+    pictures = _changes(frames, palette)
     # A GIF counts in hundredths of a second.
-    next(indexed).save(
-        path, "GIF", save_all=True, append_images=indexed, duration=round(100 / fps) * 10, loop=0, optimize=False
-    )
+    next(pictures).save(
+        path, "GIF", save_all=True, append_images=pictures, duration=round(100 / fps) * 10, loop=0, optimize=False,
+        transparency=COLOURS, disposal=1,
+    )  # fmt: skip
+
+
+def _changes(frames: Iterable[Raster], palette: Image.Image) -> Iterator[Image.Image]:
+    """The frames in the palette's colours; what is as in the one before is transparent, which takes a third."""
+    colours = (palette.getpalette() or [])[: 3 * COLOURS] + [0, 0, 0]
+    before: NDArray[np.uint8] | None = None
+    for frame in frames:
+        shown = np.asarray(Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE))
+        changed = shown if before is None else np.where(shown == before, np.uint8(COLOURS), shown)
+        picture, before = Image.fromarray(changed), shown
+        picture.putpalette(colours)
+        yield picture
 
 
 def _webp(path: Path, frames: Iterator[Raster], _: Painter, fps: int) -> None:

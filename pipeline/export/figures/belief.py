@@ -47,7 +47,7 @@ def belief(run: Run, row: int, paper: Paper) -> Figure:
     for axes in (whole, near):
         _robot(axes, run.scenes.truth[row], paper.theme.truth, paper, "truth", "s")
         _robot(axes, run.scenes.estimates[row], paper.theme.estimate, paper, "estimate, 2 sigma", "o")
-    whole.set_title(f"{run.scenes.times[row]:.1f} s: {_told(run, row)}", loc="left")
+    whole.set_title(f"{run.scenes.times[row]:.1f} s: spread {run.scenes.curves['spread'][row]:.1f} m", loc="left")
     _weights(figure, near, paper)
     paper.legend(figure)
     return figure
