@@ -74,6 +74,8 @@ def check(output: Path, wishes: Wishes, *, runs: int = 1, force: bool = False) -
         raise MclError("this is made of one run", "--figure compare is of several", path=output)
     if figure is not None:
         _check_figure(figure, output, wishes)
+    elif wishes.dpi is not None:
+        raise MclError("--dpi is for a figure", "with --size in pixels a picture is as large as it says", path=output)
     elif wishes.size is not None and size_of(wishes.size).unit != "px":
         raise MclError("its size is in pixels", "like --size 1280x720", path=output)
     check_output(output, force)

@@ -14,6 +14,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from pipeline.errors import MclError
 from pipeline.export.canvas import Raster
+from pipeline.export.legend import entries
 from pipeline.export.pictures import Painter, full
 from pipeline.export.run import Run, key_moments
 from pipeline.export.theme import Theme
@@ -121,10 +122,7 @@ def _frames(painter: Painter, shots: Iterable[tuple[int, float]]) -> Iterator[Ra
 
 
 def _gif(path: Path, frames: Iterator[Raster], painter: Painter, fps: int) -> None:
-    # One palette for all: the colours that the picture has anywhere, so that nothing flickers.
-    rows = np.linspace(0, len(painter.run.scenes) - 1, PALETTE_FROM).astype(int)
-    samples = np.concatenate([painter.draw(int(row))[::2, ::2] for row in rows])
-    palette = Image.fromarray(samples).quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette = _palette(painter)
     pictures = _changes(frames, palette)
     # A GIF counts in hundredths of a second.
     next(pictures).save(
@@ -133,9 +131,20 @@ def _gif(path: Path, frames: Iterator[Raster], painter: Painter, fps: int) -> No
     )  # fmt: skip
 
 
+def _palette(painter: Painter) -> Image.Image:
+    """One palette for all frames, so that nothing flickers: what the legend names exactly, and what else there is."""
+    named = [colour for _, colours in entries(painter.run.scenes, painter.theme) for colour in colours]
+    rows = np.linspace(0, len(painter.run.scenes) - 1, PALETTE_FROM).astype(int)
+    samples = np.concatenate([painter.draw(int(row))[::2, ::2] for row in rows])
+    others = Image.fromarray(samples).quantize(COLOURS - len(named), Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([part for colour in named for part in colour] + (others.getpalette() or []))
+    return palette
+
+
 def _changes(frames: Iterable[Raster], palette: Image.Image) -> Iterator[Image.Image]:
     """The frames in the palette's colours; what is as in the one before is transparent, which takes a third."""
-    colours = (palette.getpalette() or [])[: 3 * COLOURS] + [0, 0, 0]
+    colours = [*(palette.getpalette() or []), *[0] * 768][: 3 * (COLOURS + 1)]
     before: NDArray[np.uint8] | None = None
     for frame in frames:
         shown = np.asarray(Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE))

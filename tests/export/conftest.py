@@ -14,10 +14,14 @@ from synthetic import drive, steps
 
 from pipeline.config import Config
 from pipeline.export.run import Run, read_run
+from pipeline.filter.beam_model import mixture_density
 from pipeline.logs.messages import Trajectory
 from pipeline.recording import run_folder
 from pipeline.recording.rerun_sink import RerunSink
 from pipeline.recording.run_folder import RunFolder
+
+Z = np.linspace(0.0, 10.0, 201)
+DENSITY = mixture_density(Z, 5.0, Config(), 30.0)
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     made = run_folder.create("log", tmp_path_factory.mktemp("run") / "run")
     log = drive(150, origin=(-10.0, 5.0, 0.3))
     seen = list(steps(log, 30))
-    with RerunSink(made.recording, log=log, config=Config(), seed=7) as sink:
+    with RerunSink(made.recording, log=log, config=Config(), seed=7, density=(Z, DENSITY, 5.0)) as sink:
         for step in seen:
             sink.log(step)
         sink.finish({"converged_at": 9.2}, log.ground_truth.poses)
@@ -37,3 +41,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 @pytest.fixture(scope="session")
 def run(folder: RunFolder) -> Run:
     return read_run(folder.path)
+
+
+@pytest.fixture(scope="session")
+def recorded_sensor(run: Run) -> tuple[Run, np.ndarray, np.ndarray]:
+    """The run, and the sensor model that was recorded with it: ranges and densities."""
+    return run, Z, DENSITY

@@ -140,3 +140,4 @@ def _scale_bar(axes: Axes, paper: Paper, across: float) -> None:
         bbox_transform=axes.transAxes, fontproperties=FontProperties(family="DejaVu Sans", size=7.0),
     )  # fmt: skip
     axes.add_artist(bar)
+    axes.set_title(" ", loc="right")  # the layout keeps room for titles, not for what is anchored to axes

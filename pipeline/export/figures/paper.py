@@ -15,8 +15,6 @@ from pipeline.recording.palette import Colour
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Entries = tuple[list[Any], list[str]]
-"""Handles of a legend, and their words."""
 VECTORS = (".pdf", ".svg")
 """Suffixes of what stays sharp at any size."""
 WIDE = 120.0 / MM_PER_INCH
@@ -63,7 +61,7 @@ class Paper:
             "axes.edgecolor": ink, "xtick.color": ink, "ytick.color": ink, "grid.color": pale, "grid.linewidth": 0.4,
             "axes.linewidth": 0.6, "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.minor.width": 0.4,
             "ytick.minor.width": 0.4, "xtick.major.size": 2.5, "ytick.major.size": 2.5, "xtick.minor.size": 1.5,
-            "ytick.minor.size": 1.5, "lines.linewidth": 1.0, "axes.axisbelow": True,
+            "ytick.minor.size": 1.5, "lines.linewidth": 1.0, "axes.axisbelow": True, "axes.titlepad": 8.0,
             "figure.constrained_layout.w_pad": 0.03, "figure.constrained_layout.h_pad": 0.04,
             # Text stays text in a PDF, its font inside; in an SVG it is drawn, for few programs read fonts in there.
             "pdf.fonttype": 42, "svg.fonttype": "path", "svg.hashsalt": "mcl",
@@ -71,10 +69,10 @@ class Paper:
         with style.context(["default", settings]):
             yield
 
-    def legend(self, figure: Figure, entries: Entries | None = None) -> None:
-        """Below all panels, where it lies on no data, in as many columns as there is room for; of the figure's own
-        ``entries`` unless some are given."""
-        handles, words = entries or _entries(figure)
+    def legend(self, figure: Figure) -> None:
+        """Below all panels, where it lies on no data, in as many columns as there is room for."""
+        found = _entries(figure)
+        handles, words = list(found.values()), list(found)
         for columns in range(len(words), 0, -1):
             drawn = figure.legend(handles, words, loc="outside lower center", ncols=columns, borderaxespad=0.3)
             if drawn.get_window_extent().width <= 0.98 * figure.bbox.width:
@@ -92,11 +90,13 @@ class Paper:
         figure.savefig(path, dpi=self.dpi, metadata=None if kind == ".jpg" else told)
 
 
-def _entries(figure: Figure) -> Entries:
-    found = {
-        word: handle for axes in figure.axes for handle, word in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    return list(found.values()), list(found)
+def _entries(figure: Figure) -> dict[str, Any]:
+    """What is drawn, by what it is called: each once, in whichever panel it is."""
+    found: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, words = axes.get_legend_handles_labels()
+        found |= dict(zip(words, handles, strict=True))
+    return found
 
 
 def rgb(colour: Colour) -> tuple[float, float, float]:
