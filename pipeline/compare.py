@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import MclError
 from pipeline.evaluate.metrics import interpolate, pose_errors
-from pipeline.export.run import Run, read_run
+from pipeline.export.run import Run, differing, read_run
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.tum import read_tum
 from pipeline.outputs import check_output, check_suffix, replacing
@@ -234,7 +234,7 @@ def compare(a: Run, b: Run | Track) -> Comparison:
     other = b if isinstance(b, Run) else a
     return Comparison(
         figures=(figures(a), told),
-        config=differing([a, b]),
+        config=differing([a, b]) if isinstance(b, Run) else {},
         same_log=a.told.log_sha256 == other.told.log_sha256,
         same_map=a.told.map_sha256 == other.told.map_sha256,
         apart=_stretches(times, position, turn),
@@ -254,20 +254,12 @@ def _common(a: Run, b: Compared) -> tuple[NDArray[np.int64], NDArray[np.float64]
     return rows, a.told.poses[rows], poses[rows]
 
 
-def differing(compared: Sequence[Compared]) -> dict[str, tuple[Any, ...]]:
-    """The parameters in which the runs are not all alike: everyone's value by name, None where it has none."""
-    runs = [one for one in compared if isinstance(one, Run)]
-    names = dict.fromkeys(name for run in runs for name in run.told.config)
-    found: dict[str, tuple[Any, ...]] = {}
-    for name in names:
-        if any(run.told.config.get(name) != runs[0].told.config.get(name) for run in runs):
-            found[name] = tuple(one.told.config.get(name) if isinstance(one, Run) else None for one in compared)
-    return found
-
-
 def config_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
     """The parameters that differ, as texts: the name, and everyone's value."""
-    return [(name, *map(_shown, values)) for name, values in differing(compared).items()]
+    found = differing([one for one in compared if isinstance(one, Run)])
+    whose = [isinstance(one, Run) for one in compared]
+    told = {name: iter(values) for name, values in found.items()}
+    return [(name, *(_shown(next(of_run) if own else None) for own in whose)) for name, of_run in told.items()]
 
 
 def figure_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:

@@ -9,12 +9,16 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 from pipeline.printable import one_line, printable
 
 T = TypeVar("T")
+
+EVERY = 5.0
+"""Seconds between two lines of progress, at least."""
 
 
 def note(text: str) -> None:
@@ -58,9 +62,12 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], *, 
 
 
 def progress(items: Iterable[T], total: int, label: str) -> Iterator[T]:
-    """Passes the items on and shows how far they are, where somebody looks at stderr; silent otherwise."""
+    """Passes the items on and shows how far they are: a bar where somebody looks at stderr, else a line now and then.
+
+    Lines come EVERY seconds at most, for a log of a build or a notebook; what is done sooner says nothing.
+    """
     if not sys.stderr.isatty():
-        yield from items
+        yield from _in_lines(items, total, label)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -68,6 +75,17 @@ def progress(items: Iterable[T], total: int, label: str) -> Iterator[T]:
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     with Progress(*columns, TimeRemainingColumn(), console=Console(file=sys.stderr), transient=True) as bar:
         yield from bar.track(items, total=total, description=label)
+
+
+def _in_lines(items: Iterable[T], total: int, label: str) -> Iterator[T]:
+    begun = said = time.monotonic()
+    for done, item in enumerate(items):
+        now = time.monotonic()
+        if now - said >= EVERY:
+            said = now
+            left = f", about {(now - begun) * (total - done) / done:.0f} s left" if done else ""
+            note(f"{label}: {done:,} of {total:,}{left}")
+        yield item
 
 
 def _colour() -> bool:

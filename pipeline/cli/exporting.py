@@ -3,22 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from pipeline import console
 from pipeline.cli.lines import note_damage
 from pipeline.cli.parameters import ForceOption
+from pipeline.errors import MclError
 from pipeline.outputs import check_folder
+
+
+class Theme(StrEnum):
+    """Colours of pictures."""
+
+    print = "print"
+    dark = "dark"
+
+
+class Camera(StrEnum):
+    """What the large view of a movie shows."""
+
+    whole = "whole"
+    follow = "follow"
+
+
+class Figure(StrEnum):
+    """What a picture shows."""
+
+    path = "path"
+    belief = "belief"
+    error = "error"
+    sensor = "sensor"
+    headings = "headings"
+    compare = "compare"
+    moments = "moments"
 
 
 def export(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN|LOG.mcap", help="A run's folder or its run.rrd; several for a .yaml; with --raw a log."
+            metavar="RUN|LOG.mcap",
+            help="A run's folder or its run.rrd; several for a comparison or a .yaml; with --raw a log.",
         ),
     ],
     outputs: Annotated[
@@ -27,66 +56,117 @@ def export(
             "--output",
             "-o",
             metavar="FILE",
-            help="A .png, .gif, .webp, .mp4, .tum, .csv or .parquet, or a map's .yaml; repeatable.",
+            help="A .pdf, .svg, .png, .gif, .webp, .mp4, .webm, .tum, .csv or .parquet, or a map's .yaml; repeatable.",
+        ),
+    ] = None,
+    figure: Annotated[
+        Figure | None,
+        typer.Option(
+            help="What a picture shows. Else a .pdf or .svg is the path, with --at the belief, of several runs their "
+            "comparison; a .png is moments, with close-up, curves and legend."
         ),
     ] = None,
     at: Annotated[
         list[float] | None,
-        typer.Option(metavar="SECONDS", help="The picture of this moment; of several, a sheet; else of key moments."),
+        typer.Option(metavar="SECONDS", help="The instant of belief, headings or moments; several make a sheet."),
     ] = None,
+    size: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIZE",
+            help="Of a figure: column (84 mm, unless you say otherwise), page (174 mm), or like 84x60mm. "
+            "Of moments and movies: pixels, like 1280x720.",
+        ),
+    ] = None,
+    dpi: Annotated[
+        int | None, typer.Option(min=50, max=1200, help="Pixels an inch of a figure as .png; 300 unless you say so.")
+    ] = None,
+    theme: Annotated[Theme, typer.Option(help="Colours of pictures and movies.")] = Theme.print,
     particles: Annotated[bool, typer.Option("--particles", help="In a table: the particles, not the scans.")] = False,
-    speed: Annotated[float, typer.Option(min=0.01, help="How much quicker than it was a movie shows the run.")] = 8.0,
+    speed: Annotated[
+        str,
+        typer.Option(
+            metavar="FACTOR", help="How much quicker than it was a movie shows the run; auto: slowly where it matters."
+        ),
+    ] = "8",
     fps: Annotated[
-        int | None, typer.Option(min=1, max=50, help="Pictures per second of a movie; 20 in an .mp4, else 10.")
+        int | None,
+        typer.Option(min=1, max=50, help="Pictures per second of a movie; 20 in an .mp4 or .webm, else 10."),
     ] = None,
-    size: Annotated[str | None, typer.Option(metavar="WxH", help="Pixels, like 1280x720.")] = None,
+    camera: Annotated[
+        Camera, typer.Option(help="What the large view of a movie shows: the whole map, or what is near the robot.")
+    ] = Camera.whole,
     raw: Annotated[
         Path | None, typer.Option("--raw", metavar="DIR", help="Write the raw log and map that a log was made from.")
     ] = None,
     force: ForceOption = False,
 ) -> None:
-    """Make a picture, a movie or a table of a run.
+    """Make a figure, a picture, a movie or a table of a run.
 
-    Without --at, a .png shows the start, when the robot was located or lost, and the end. With --raw, the log and the
-    map that `mcl convert` made an .mcap from are given back, every number as it was. A .yaml is the renewed map, as
-    nav2's map_server reads it: what the runs have seen of the building, over the map that they had.
+    `mcl export RUN -o figure.pdf` is a figure for a paper. A .png shows the start, when the robot was located or lost,
+    and the end. With --raw, the log and the map that `mcl convert` made an .mcap from are given back, every number as
+    it was. A .yaml is the renewed map, as nav2's map_server reads it: what the runs have seen of the building, over
+    the map that they had.
     """
     if (raw is None) == (not outputs):
         raise typer.BadParameter("give --output FILE for a run, or --raw DIR for a log")
-    maps = [output for output in outputs or () if output.suffix.lower() == ".yaml"]
-    if len(sources) > 1 and (raw is not None or len(maps) < len(outputs or ())):
-        raise typer.BadParameter("give one run; only a .yaml, the renewed map, can be made of several runs together")
     source = sources[0]
-    if maps:
-        _maps(sources, maps, force)
-        outputs = [output for output in outputs or () if output not in maps]
-        if not outputs:
-            return
     if raw is not None:
+        if len(sources) > 1:
+            raise typer.BadParameter("give one log with --raw")
         _raw(source, raw, force)
         return
-    pixels = _size(size)
     from pipeline.export.files import Wishes, check
     from pipeline.export.files import export as write
     from pipeline.export.run import read_run
 
-    wishes = Wishes(at or (), particles, pixels, speed, fps)
-    for output in outputs or ():
-        check(output, wishes, force=force)
-    run = read_run(source)
-    note_damage([run])
-    for output in outputs or ():
-        write(run, output, wishes, force=force, progress=console.progress)
+    wishes = Wishes(
+        at=at or (),
+        particles=particles,
+        size=_size(size),
+        speed=_speed(speed),
+        fps=fps,
+        figure=None if figure is None else figure.value,
+        dpi=dpi,
+        theme=theme.value,
+        camera=camera.value,
+    )
+    maps = [output for output in outputs or () if output.suffix.lower() == ".yaml"]
+    others = [output for output in outputs or () if output not in maps]
+    for output in others:
+        check(output, wishes, runs=len(sources), force=force)
+    if maps:
+        _maps(sources, maps, force)
+    if not others:
+        return
+    runs = [read_run(path) for path in sources]
+    note_damage(runs)
+    for output in others:
+        write(runs, output, wishes, force=force, progress=console.progress)
         console.result(str(output))
 
 
-def _size(text: str | None) -> tuple[int, int] | None:
-    if text is None:
-        return None
-    width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal()):
-        raise typer.BadParameter(f"{text!r} is not WIDTHxHEIGHT in pixels, like 1280x720")
-    return int(width), int(height)
+def _size(text: str | None) -> str | None:
+    from pipeline.export.sizes import size_of
+
+    if text is not None:
+        try:
+            size_of(text)
+        except MclError as error:
+            raise typer.BadParameter(str(error)) from error
+    return text
+
+
+def _speed(text: str) -> float | Literal["auto"]:
+    if text == "auto":
+        return "auto"
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0.01 <= factor < float("inf"):
+        raise typer.BadParameter(f"--speed is auto or a number of 0.01 or more, not {text!r}")
+    return factor
 
 
 def _maps(runs: Sequence[Path], outputs: Sequence[Path], force: bool) -> None:

@@ -229,8 +229,8 @@ def _table(paths: Sequence[Path], as_json: bool) -> None:
     """Several runs: the parameters in which they differ, and what came out."""
     from dataclasses import asdict
 
-    from pipeline.compare import differing, figures, table
-    from pipeline.export.run import read_run
+    from pipeline.compare import figures, table
+    from pipeline.export.run import differing, read_run
 
     runs = [read_run(path) for path in paths]
     note_damage(runs)

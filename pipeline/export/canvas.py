@@ -14,12 +14,13 @@ from matplotlib.path import Path as Outline
 from matplotlib.transforms import Affine2D, IdentityTransform
 from numpy.typing import ArrayLike, NDArray
 
-Colour = tuple[int, int, int]
+from pipeline.export.theme import Theme
+from pipeline.recording.palette import Colour
+
 Raster = NDArray[np.uint8]
 
-BLACK: Colour = (20, 20, 20)
-GREY: Colour = (110, 110, 110)
-PAPER: Colour = (255, 255, 255)
+BACKED = 0.85
+"""How much of what is below it the ground of words hides: so much that they can be read on a wall."""
 _DOT, _RING = Outline.unit_circle(), Outline.unit_circle()
 _STRAIGHT = IdentityTransform()
 
@@ -54,13 +55,13 @@ class Window:
 
 
 class Canvas:
-    """A white picture of so many pixels; y counts upwards. Everything is cut off at ``clip``'s box where one is set."""
+    """An empty picture of so many pixels; y counts upwards. All is cut off at ``clip``'s box where one is set."""
 
-    def __init__(self, width: int, height: int) -> None:
-        self.width, self.height = width, height
+    def __init__(self, width: int, height: int, theme: Theme) -> None:
+        self.width, self.height, self.theme = width, height, theme
         self._renderer: Any = RendererAgg(width, height, 72.0)  # at 72 dpi a point of type is a pixel
         self._clip: Box | None = None
-        self.fill(Box(0, 0, width, height), PAPER)
+        self.fill(Box(0, 0, width, height), theme.ground)
 
     def pixels(self) -> Raster:
         """A copy of the picture, (height, width, 3), row 0 at the top."""
@@ -80,7 +81,7 @@ class Canvas:
         """A picture (h, w, 3), row 0 at its top, with its lower left corner at x, y."""
         opaque = np.full((*raster.shape[:2], 4), 255, np.uint8)
         opaque[..., :3] = raster
-        self._renderer.draw_image(self._pen(BLACK, 0.0), x, y, opaque[::-1])
+        self._renderer.draw_image(self._pen(self.theme.ink, 0.0), x, y, opaque[::-1])
 
     def line(self, points: NDArray[np.float64], colour: Colour, width: float, alpha: float = 1.0) -> None:
         """Through points (n, 2); a NaN breaks it."""
@@ -114,19 +115,20 @@ class Canvas:
         self._renderer.draw_path(self._pen(colour, width), _RING, shape)
 
     def text(
-        self, x: float, y: float, words: str, size: float, colour: Colour = BLACK, *,
+        self, x: float, y: float, words: str, size: float, colour: Colour | None = None, *,
         bold: bool = False, align: float = 0.0, backed: bool = False
     ) -> float:  # fmt: skip
         """Words with their baseline at y, left edge at x (``align`` 1: right, 0.5: middle); returns their width.
 
-        ``backed``: on a pale ground, to be read on anything.
+        In the theme's ink unless ``colour`` says otherwise; ``backed``: on its ground, to be read on anything.
         """
         font = _font(size, bold)
         width, height, _ = self._renderer.get_text_width_height_descent(words, font, False)
         left = x - align * width
         if backed:
-            self.fill(Box(left - 3, y - 0.28 * size, width + 6, max(height, size) + 0.2 * size), PAPER, 0.75)
-        self._renderer.draw_text(self._pen(colour, 1.0), left, self.height - y, words, font, 0.0)
+            ground = Box(left - 3, y - 0.28 * size, width + 6, max(height, size) + 0.2 * size)
+            self.fill(ground, self.theme.ground, BACKED)
+        self._renderer.draw_text(self._pen(colour or self.theme.ink, 1.0), left, self.height - y, words, font, 0.0)
         return float(width)
 
     def wrapped(self, words: str, size: float, width: float, *, bold: bool = False) -> list[str]:

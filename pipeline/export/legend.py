@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pipeline.export.canvas import Box, Canvas, Colour
-from pipeline.recording import palette
+from pipeline.export.canvas import Box, Canvas
+from pipeline.export.theme import Theme
+from pipeline.recording.palette import Colour
 from pipeline.recording.scenes import Scenes
 
 Entry = tuple[str, Sequence[Colour]]
@@ -16,21 +17,22 @@ LINE, COLUMN = 16.0, 240.0
 """Pixels from line to line and from column to column, at a ``unit`` of 1."""
 
 
-def entries(scenes: Scenes) -> list[Entry]:
+def entries(scenes: Scenes, theme: Theme) -> list[Entry]:
     """What is drawn of this run: what it lacks needs no explanation."""
     found: list[tuple[str, Colour, bool]] = [
-        ("estimate, its path, 2 sigma", palette.ESTIMATE, True),
-        ("other hypotheses, share of weight", palette.HYPOTHESIS, len(scenes.hypotheses.values) > 0),
-        ("beams that fit the map", palette.HIT, True),
-        ("that something stopped short", palette.SHORT, True),
-        ("that went on behind a wall", palette.LONG, True),
-        ("where the map ends them", palette.EXPECTED, True),
-        ("no return (stubs)", palette.NO_RETURN, len(scenes.no_return.values) > 0),
-        ("known in hindsight", palette.HINDSIGHT, len(scenes.hindsight) > 0),
-        ("truth", palette.TRUTH, not bool(np.isnan(scenes.truth).all())),
+        ("estimate, its path, 2 sigma", theme.estimate, True),
+        ("other hypotheses, share of weight", theme.hypothesis, len(scenes.hypotheses.values) > 0),
+        ("beams that fit the map", theme.hit, True),
+        ("that something stopped short", theme.short, True),
+        ("that went on behind a wall", theme.long, True),
+        ("where the map ends them", theme.expected, True),
+        ("no return (stubs)", theme.no_return, len(scenes.no_return.values) > 0),
+        ("known in hindsight", theme.hindsight, len(scenes.hindsight) > 0),
+        ("truth", theme.truth, not bool(np.isnan(scenes.truth).all())),
     ]
-    shades = [(int(red), int(green), int(blue)) for red, green, blue in palette.WEIGHT_COLOURS]
-    return [*((words, [colour]) for words, colour, there in found if there), ("particles; darker: heavier", shades)]
+    heavier = "darker" if theme.floor > theme.wall else "lighter"
+    shades = [(int(red), int(green), int(blue)) for red, green, blue in theme.weights]
+    return [*((words, [colour]) for words, colour, there in found if there), (f"particles; {heavier}: heavier", shades)]
 
 
 def height(count: int, width: float, unit: float) -> float:

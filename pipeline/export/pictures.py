@@ -9,15 +9,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.export.canvas import BLACK, GREY, PAPER, Box, Canvas, Colour, Raster, Window
+from pipeline.export.canvas import BACKED, Box, Canvas, Raster, Window
 from pipeline.export.legend import COLUMN, LINE, Entry, entries, height, legend
 from pipeline.export.run import Moment, Run
-from pipeline.recording import palette
+from pipeline.export.theme import THEMES, Theme
 from pipeline.recording.gaps import longest_interval
+from pipeline.recording.palette import Colour
 from pipeline.recording.scenes import Scenes
 
 CLOSE = 12.0
 """Metres that the close-up shows from side to side."""
+FOLLOWED = 20.0
+"""Metres that a camera shows which follows the robot."""
+PRINT = THEMES["print"]
 HEAD = 40
 """Pixels of the line above a sheet."""
 GAP = 8
@@ -68,43 +72,55 @@ def tile(width: int, height: int) -> Layout:
 
 
 class Painter:
-    """Draws moments of one run; what they share is drawn once."""
+    """Draws moments of one run; what they share is drawn once.
 
-    def __init__(self, run: Run, layout: Layout) -> None:
-        self.run, self.layout = run, layout
+    ``looks_at`` (n, 2), m in the map frame: what the large view follows; if None, it shows the whole map.
+    """
+
+    def __init__(
+        self, run: Run, layout: Layout, theme: Theme = PRINT, looks_at: NDArray[np.float64] | None = None
+    ) -> None:
+        self.run, self.layout, self.theme, self._looks_at = run, layout, theme, looks_at
         low, high = run.area
-        box = layout.map
+        box = layout.map if looks_at is None else layout.close
         scale = min(box.width / (high[0] - low[0]), box.height / (high[1] - low[1]))
         centre = (float(low[0] + high[0]) / 2, float(low[1] + high[1]) / 2)
         self.whole = Window(box, centre, float(scale))
 
-    def draw(self, row: int, *, title: str = "", sentence: str = "") -> Raster:
-        """The picture (height, width, 3) at a row of the run; ``sentence`` says what happened."""
-        layout, canvas = self.layout, Canvas(self.layout.width, self.layout.height)
+    def draw(self, row: int, *, title: str = "", sentence: str = "", factor: float | None = None) -> Raster:
+        """The picture (height, width, 3) at a row of the run; ``sentence`` says what happened, ``factor`` how much
+        quicker than it was a movie shows it."""
+        layout, canvas = self.layout, self._empty()
         canvas.image(self._ground, 0, 0)
         for window, near in ((self.whole, False), (self.close(row), True)):
             canvas.clip(window.box)
             if near:
-                canvas.image(_map(self.run.scenes, window), window.box.x, window.box.y)
+                canvas.image(_map(self.run.scenes, window, self.theme), window.box.x, window.box.y)
             _scene(canvas, window, self.run.scenes, row, layout.unit, near)
             if layout.panel.width:
                 _scale_bar(canvas, window, layout.unit)
         canvas.clip(None)
         if layout.panel.width:
             self._panel(canvas, row)
-        self._caption(canvas, row, title, sentence)
+        self._caption(canvas, row, title, sentence, factor)
         return canvas.pixels()
 
     def close(self, row: int) -> Window:
         """What is near the robot at a row of the run."""
+        if self._looks_at is not None:
+            x, y = self._looks_at[row]
+            return Window(self.layout.map, (float(x), float(y)), self.layout.map.width / FOLLOWED)
         x, y = self.run.scenes.estimates[row, :2]
         return Window(self.layout.close, (float(x), float(y)), self.layout.close.width / CLOSE)
+
+    def _empty(self) -> Canvas:
+        return Canvas(self.layout.width, self.layout.height, self.theme)
 
     @cached_property
     def _ground(self) -> Raster:
         """What stands still: the map, and the words and pale curves beside it."""
-        layout, canvas = self.layout, Canvas(self.layout.width, self.layout.height)
-        canvas.image(_map(self.run.scenes, self.whole), layout.map.x, layout.map.y)
+        layout, canvas = self.layout, self._empty()
+        canvas.image(_map(self.run.scenes, self.whole, self.theme), self.whole.box.x, self.whole.box.y)
         if layout.panel.width:
             self._legend(canvas)
             for curve in self._curves:
@@ -124,21 +140,24 @@ class Painter:
             return ()
         explained, spread = scenes.curves["explained"], scenes.curves["spread"]
         return (
-            Curve(places[0], "share of the beams explained", scenes.times, explained, palette.CURVE, unit, 1.0),
-            Curve(places[1], "spread of the particles, m", scenes.times, spread, palette.ESTIMATE, unit, None),
+            Curve(places[0], "share of the beams explained", scenes.times, explained, self.theme.curve, unit, 1.0),
+            Curve(places[1], "spread of the particles, m", scenes.times, spread, self.theme.estimate, unit, None),
         )
 
     @cached_property
     def _entries(self) -> list[Entry]:
-        return entries(self.run.scenes)
+        return entries(self.run.scenes, self.theme)
 
-    def _caption(self, canvas: Canvas, row: int, title: str, sentence: str) -> None:
+    def _caption(self, canvas: Canvas, row: int, title: str, sentence: str, factor: float | None) -> None:
         box, unit, run = self.layout.caption, self.layout.unit, self.run
         clock = f"{run.scenes.times[row]:.1f} s"
         if self.layout.panel.width:
             at = canvas.text(14 * unit, 14 * unit, clock, 20 * unit, bold=True)
-            left = max(110 * unit, 30 * unit + at)
-            lines = canvas.wrapped(sentence, 14 * unit, box.width - left - 14 * unit)[:2]
+            left, right = max(110 * unit, 30 * unit + at), box.width - 14 * unit
+            if factor is not None:
+                times = f"{factor:g}\N{MULTIPLICATION SIGN}"
+                right -= 20 * unit + canvas.text(right, 14 * unit, times, 20 * unit, align=1.0)
+            lines = canvas.wrapped(sentence, 14 * unit, right - left)[:2]
             for k, line in enumerate(lines):
                 canvas.text(left, (15 + 9 * (len(lines) - 1) - 18 * k) * unit, line, 14 * unit)
             return
@@ -149,7 +168,7 @@ class Painter:
     def _panel(self, canvas: Canvas, row: int) -> None:
         unit, run = self.layout.unit, self.run
         told = f"seed {run.seed}, scan {run.scenes.scans[row]:,}"
-        canvas.text(self.layout.panel.x + 14 * unit, self.layout.height - 42 * unit, told, 12 * unit, GREY)
+        canvas.text(self.layout.panel.x + 14 * unit, self.layout.height - 42 * unit, told, 12 * unit, self.theme.muted)
         for curve in self._curves:
             curve.until(canvas, row)
 
@@ -179,15 +198,15 @@ class Curve:
     def ground(self, canvas: Canvas) -> None:
         """What does not change."""
         box, unit = self.box, self.unit
-        canvas.line(np.array([(box.x, box.y), (box.x + box.width, box.y)]), GREY, 0.8 * unit)
-        canvas.line(self._until(len(self.times) - 1), (200, 200, 200), 1.2 * unit)
+        canvas.line(np.array([(box.x, box.y), (box.x + box.width, box.y)]), canvas.theme.muted, 0.8 * unit)
+        canvas.line(self._until(len(self.times) - 1), canvas.theme.pale, 1.2 * unit)
         canvas.text(box.x, box.y + box.height + 7 * unit, self.words, 11.5 * unit)
 
     def until(self, canvas: Canvas, row: int) -> None:
         """What has been, and the value now."""
         box, unit, x = self.box, self.unit, self._points[row, 0]
         canvas.line(self._until(row), self.colour, 1.8 * unit)
-        canvas.line(np.array([(x, box.y), (x, box.y + box.height)]), BLACK, 1.0 * unit)
+        canvas.line(np.array([(x, box.y), (x, box.y + box.height)]), canvas.theme.ink, 1.0 * unit)
         now = "" if np.isnan(self.values[row]) else f"{self.values[row]:.2f}"
         canvas.text(box.x + box.width, box.y + box.height + 7 * unit, now, 11.5 * unit, align=1.0, bold=True)
 
@@ -204,26 +223,26 @@ class Curve:
         return np.column_stack([box.x + since * across, box.y + self.values * (box.height / top)])
 
 
-def moment(run: Run, at: Moment, width: int, height: int) -> Raster:
+def moment(run: Run, at: Moment, width: int, height: int, theme: Theme = PRINT) -> Raster:
     """A picture (height, width, 3) of one moment."""
-    return Painter(run, full(width, height)).draw(at.row, title=at.title, sentence=at.sentence)
+    return Painter(run, full(width, height), theme).draw(at.row, title=at.title, sentence=at.sentence)
 
 
-def sheet(run: Run, moments: Sequence[Moment], width: int) -> Raster:
+def sheet(run: Run, moments: Sequence[Moment], width: int, theme: Theme = PRINT) -> Raster:
     """Moments side by side in two columns (one if there is one), below a line that names the run; and the legend."""
     columns = min(2, len(moments))
     wide = (width - GAP * (columns - 1)) // columns
     low, high = run.area
     aspect = float((high[1] - low[1]) / (high[0] - low[0]))
     tall = int(np.clip(0.62 * wide * aspect, 0.3 * wide, 0.75 * wide)) + 50
-    painter, words = Painter(run, tile(wide, tall)), entries(run.scenes)
+    painter, words = Painter(run, tile(wide, tall), theme), entries(run.scenes, theme)
     rows, free = -(-len(moments) // columns), len(moments) % columns > 0
     below = 0.0 if free else height(len(words), width - 20, 1.0) + 10
-    canvas = Canvas(width, HEAD + rows * (tall + GAP) + round(below))
+    canvas = Canvas(width, HEAD + rows * (tall + GAP) + round(below), theme)
     top = canvas.height - HEAD
     at = canvas.text(10, top + 13, run.name, 17, bold=True)
     told = f"seed {run.seed}, {len(run.scenes):,} scans in {run.scenes.times[-1]:.1f} s"
-    canvas.text(at + 24, top + 13, told, 13, GREY)
+    canvas.text(at + 24, top + 13, told, 13, theme.muted)
     for k, (named, window) in enumerate((("maps", painter.whole), ("close-ups", painter.close(0)))):
         x = width - 310 + 190 * k
         canvas.text(x - 8, top + 8, named, 11, align=1.0)
@@ -241,7 +260,7 @@ def sheet(run: Run, moments: Sequence[Moment], width: int) -> Raster:
 def thumbnail(run: Run, row: int, width: int, height: int) -> Raster:
     """Only the map, small, with the path until a row."""
     layout = replace(tile(width, height), map=Box(0, 0, width, height), unit=0.8)
-    painter, canvas = Painter(run, layout), Canvas(width, height)
+    painter, canvas = Painter(run, layout), Canvas(width, height, PRINT)
     canvas.image(painter._ground, 0, 0)
     _scene(canvas, painter.whole, run.scenes, row, layout.unit, False)
     return canvas.pixels()
@@ -250,35 +269,35 @@ def thumbnail(run: Run, row: int, width: int, height: int) -> Raster:
 def _scene(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: float, near: bool) -> None:
     thin, thick, dot = (1.0, 2.0, 3.0) if near else (0.7, 1.6, 1.5)
     thin, thick, dot = thin * unit, thick * unit, dot * unit
-    heat = scenes.heat[row]
+    theme, heat = canvas.theme, scenes.heat[row]
     for level in np.unique(heat[:, 2]).astype(int):
         places = window.pixels(heat[heat[:, 2] == level, :2])
-        canvas.squares(places, _shade(level), max(scenes.grid.resolution * window.scale, 1.0), 0.6)
+        canvas.squares(places, _shade(canvas, level), max(scenes.grid.resolution * window.scale, 1.0), 0.6)
     for k in range(len(scenes.hindsight)):
-        canvas.line(window.pixels(scenes.hindsight[k]), palette.HINDSIGHT, thick)
-    for path, colour in ((_broken(scenes.truth, row), palette.TRUTH), (_joined(scenes, row), palette.ESTIMATE)):
+        canvas.line(window.pixels(scenes.hindsight[k]), theme.hindsight, thick)
+    for path, colour in ((_broken(scenes.truth, row), theme.truth), (_joined(scenes, row), theme.estimate)):
         canvas.line(window.pixels(path), colour, thick, 0.8)
     laser = window.pixels(scenes.lasers[row])
     if near:
-        canvas.lines(laser, window.pixels(scenes.no_return[row]), palette.NO_RETURN, thin)
-    beams = (scenes.hits, palette.HIT), (scenes.shorts, palette.SHORT), (scenes.longs, palette.LONG)
+        canvas.lines(laser, window.pixels(scenes.no_return[row]), theme.no_return, thin)
+    beams = (scenes.hits, theme.hit), (scenes.shorts, theme.short), (scenes.longs, theme.long)
     for ends, colour in beams:
         canvas.lines(laser, window.pixels(ends[row]), colour, thin)
     particles, levels = scenes.particles[row], scenes.levels[row]
     for level in np.unique(levels).astype(int):
         chosen = particles[levels == level]
-        places, colour = window.pixels(chosen), _shade(level)
+        places, colour = window.pixels(chosen), _shade(canvas, level)
         if near:
             ticks = 7 * unit * np.column_stack([np.cos(chosen[:, 2]), np.sin(chosen[:, 2])])
             canvas.lines(places, places + ticks, colour, thin)
         canvas.dots(places, colour, dot)
-    canvas.dots(window.pixels(scenes.expected[row]), palette.EXPECTED, dot if near else 1.2 * unit)
-    for which, colour in ((scenes.hypotheses[row], palette.HYPOTHESIS), (scenes.ellipses[row], palette.ESTIMATE)):
+    canvas.dots(window.pixels(scenes.expected[row]), theme.expected, dot if near else 1.2 * unit)
+    for which, colour in ((scenes.hypotheses[row], theme.hypothesis), (scenes.ellipses[row], theme.estimate)):
         for x, y, a, b, turn in which:
             axes = (max(a * window.scale, 2 * unit), max(b * window.scale, 2 * unit))
             canvas.ellipse(window.pixels((x, y)), axes, turn, colour, thick)
-    _robot(canvas, window, scenes.truth[row], palette.TRUTH, unit)
-    _robot(canvas, window, scenes.estimates[row], palette.ESTIMATE, unit)
+    _robot(canvas, window, scenes.truth[row], theme.truth, unit)
+    _robot(canvas, window, scenes.estimates[row], theme.estimate, unit)
     if not near:
         _shares(canvas, window, scenes, row, unit)
 
@@ -288,7 +307,7 @@ def _robot(canvas: Canvas, window: Window, pose: NDArray[np.float64], colour: Co
         return
     place, radius = window.pixels(pose), max(0.3 * window.scale, 6 * unit)
     ahead = np.array([np.cos(pose[2]), np.sin(pose[2])])
-    canvas.ellipse(place, (radius, radius), 0.0, PAPER, 4 * unit)
+    canvas.ellipse(place, (radius, radius), 0.0, canvas.theme.ground, 4 * unit)
     canvas.ellipse(place, (radius, radius), 0.0, colour, 2.2 * unit)
     canvas.line(np.array([place, place + 2.2 * radius * ahead]), colour, 2.2 * unit)
 
@@ -301,18 +320,18 @@ def _shares(canvas: Canvas, window: Window, scenes: Scenes, row: int, unit: floa
         while any(abs(at[0] - a) < long and abs(at[1] - b) < 15 * unit for a, b in taken):
             at[1] += 15 * unit
         taken.append((float(at[0]), float(at[1])))
-        canvas.text(at[0], at[1], label, 12 * unit, (170, 40, 110), bold=True, backed=True)
+        canvas.text(at[0], at[1], label, 12 * unit, canvas.theme.name_of_share, bold=True, backed=True)
 
 
 def _scale_bar(canvas: Canvas, window: Window, unit: float) -> None:
     x, y, long = window.box.x + 14 * unit, window.box.y + 14 * unit, _round_length(window) * window.scale
-    canvas.fill(Box(x - 5 * unit, y - 5 * unit, long + 10 * unit, 26 * unit), PAPER, 0.75)
+    canvas.fill(Box(x - 5 * unit, y - 5 * unit, long + 10 * unit, 26 * unit), canvas.theme.ground, BACKED)
     _bar(canvas, x, y, window, unit)
 
 
 def _bar(canvas: Canvas, x: float, y: float, window: Window, unit: float) -> None:
     metres = _round_length(window)
-    canvas.fill(Box(x, y, metres * window.scale, 4 * unit), BLACK)
+    canvas.fill(Box(x, y, metres * window.scale, 4 * unit), canvas.theme.ink)
     canvas.text(x + metres * window.scale / 2, y + 8 * unit, f"{metres:g} m", 11 * unit, align=0.5)
 
 
@@ -323,7 +342,7 @@ def _round_length(window: Window) -> float:
     return float(max(k * decade for k in (1, 2, 5) if k * decade <= wanted))
 
 
-def _map(scenes: Scenes, window: Window) -> Raster:
+def _map(scenes: Scenes, window: Window, theme: Theme) -> Raster:
     """The map's shades (h, w, 3) at the window's pixels; what is smaller than a pixel is averaged."""
     fine = int(np.clip(np.ceil(1.0 / (scenes.grid.resolution * window.scale)), 1, 4))
     wide, tall = round(window.box.width), round(window.box.height)
@@ -336,8 +355,8 @@ def _map(scenes: Scenes, window: Window) -> Raster:
     row = np.floor(cos * north - sin * east).astype(np.int32)
     inside = (column >= 0) & (column < scenes.grid.width) & (row >= 0) & (row < scenes.grid.height)
     height, width = scenes.shades.shape
-    found = scenes.shades[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
-    shades = np.where(inside, found, palette.UNKNOWN[0]).astype(np.float32)
+    found = theme.tones[scenes.shades][np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    shades = np.where(inside, found, theme.unknown).astype(np.float32)
     mean = shades.reshape(tall, fine, wide, fine).mean(axis=(1, 3))
     return np.repeat(mean[::-1, :, None].astype(np.uint8), 3, axis=2)
 
@@ -357,10 +376,6 @@ def _breaks(jumps: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.flatnonzero(jumps) + 1
 
 
-def _shade(level: int) -> Colour:
-    return _colour(palette.WEIGHT_COLOURS[level])
-
-
-def _colour(rgb: NDArray[np.uint8]) -> Colour:
-    red, green, blue = (int(c) for c in rgb)
+def _shade(canvas: Canvas, level: int) -> Colour:
+    red, green, blue = (int(c) for c in canvas.theme.weights[level])
     return (red, green, blue)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,3 +124,10 @@ def key_moments(run: Run) -> Sequence[Moment]:
     last = len(run.scenes) - 1
     end = Moment(last, "end", f"The estimate ends at ({x:.2f}, {y:.2f}) m, heading {np.degrees(yaw):.0f} deg.")
     return [Moment(0, "start", start), *found[: MOST - 2], end]
+
+
+def differing(runs: Sequence[Run]) -> dict[str, tuple[Any, ...]]:
+    """The parameters in which the runs are not all alike: every run's value by name, None where it has none."""
+    names = dict.fromkeys(name for run in runs for name in run.told.config)
+    values = {name: tuple(run.told.config.get(name) for run in runs) for name in names}
+    return {name: found for name, found in values.items() if any(value != found[0] for value in found)}

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from pipeline.compare import Figures, differing, figures
+from pipeline.compare import Figures, figures
 from pipeline.evaluate.metrics import END
 from pipeline.export.pictures import thumbnail
-from pipeline.export.run import Run
+from pipeline.export.run import Run, differing
 from pipeline.judgement.verdict import KINDS
 from pipeline.share.template import filled
 

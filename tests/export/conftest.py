@@ -14,10 +14,13 @@ from synthetic import drive, steps
 
 from pipeline.config import Config
 from pipeline.export.run import Run, read_run
+from pipeline.filter.beam_model import mixture_density
 from pipeline.logs.messages import Trajectory
 from pipeline.recording import run_folder
 from pipeline.recording.rerun_sink import RerunSink
 from pipeline.recording.run_folder import RunFolder
+
+EDGES = np.linspace(0.0, 10.0, 41)
 
 
 @pytest.fixture(scope="session")
@@ -37,3 +40,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
 @pytest.fixture(scope="session")
 def run(folder: RunFolder) -> Run:
     return read_run(folder.path)
+
+
+@pytest.fixture(scope="session")
+def recorded_sensor(run: Run) -> tuple[Run, np.ndarray, np.ndarray]:
+    """The run, and the sensor model that was recorded with it: edges of the bins and mean densities."""
+    fine = (np.arange(4000) + 0.5) / 400
+    return run, EDGES, mixture_density(fine, 5.0, Config(), 20.0).reshape(40, 100).mean(axis=1)

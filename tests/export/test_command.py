@@ -1,9 +1,14 @@
 """`mcl export` as it is typed."""
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
-from pipeline.cli import app
+from pipeline.cli import app, exporting
+from pipeline.export.figures.kinds import FIGURES
+from pipeline.export.files import MOMENTS
+from pipeline.export.movies import CAMERAS
+from pipeline.export.theme import THEMES
 
 
 @pytest.fixture
@@ -37,6 +42,8 @@ def test_a_damaged_recording_is_exported_with_a_note(typed, folder, tmp_path):
         ((), 2, "give --output"),
         (("-o", "a.png", "--raw", "raw"), 2, "give --output"),
         (("-o", "a.png", "--size", "big"), 2, "WIDTHxHEIGHT"),
+        (("-o", "a.gif", "--speed", "quick"), 2, "auto or a number"),
+        (("-o", "a.gif", "--speed", "nan"), 2, "auto or a number"),
         (("-o", "a.xyz"), 1, "suffix"),
         (("-o", "a.png", "--at", "99999"), 1, "no estimate at"),
         (("-o", "nosuch/a.png"), 1, "folder to write to"),
@@ -48,3 +55,26 @@ def test_what_cannot_be(typed, folder, tmp_path, monkeypatch, words, code, said)
     assert done.exit_code == code
     assert said in done.stderr
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_figure_for_a_paper_is_one_command(typed, folder, tmp_path):
+    done = typed("export", folder.path, "-o", tmp_path / "figure.pdf")
+    assert done.exit_code == 0, done.stderr
+    assert done.stdout.split() == [str(tmp_path / "figure.pdf")]
+    assert (tmp_path / "figure.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_every_wish_reaches_the_file(typed, folder, tmp_path):
+    words = ("--figure", "headings", "--at", "4", "--size", "60x40mm", "--dpi", "127", "--theme", "dark")
+    assert typed("export", folder.path, "-o", tmp_path / "a.png", *words).exit_code == 0
+    shown = Image.open(tmp_path / "a.png").convert("RGB")
+    assert (shown.size, shown.getpixel((0, 0))) == ((300, 200), THEMES["dark"].ground)
+    words = ("--speed", "auto", "--camera", "follow", "--fps", "2", "--size", "320x240")
+    assert typed("export", folder.path, "-o", tmp_path / "a.gif", *words).exit_code == 0
+    assert Image.open(tmp_path / "a.gif").size == (320, 240)
+
+
+def test_what_the_command_offers_is_what_there_is():
+    assert {one.value for one in exporting.Figure} == {*FIGURES, MOMENTS}
+    assert {one.value for one in exporting.Theme} == set(THEMES)
+    assert {one.value for one in exporting.Camera} == set(CAMERAS)

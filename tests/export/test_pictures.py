@@ -10,9 +10,10 @@ from PIL import Image
 from pipeline.errors import MclError
 from pipeline.export.files import Wishes, export
 from pipeline.export.legend import entries
-from pipeline.export.movies import movie
+from pipeline.export.movies import Film, movie
 from pipeline.export.pictures import Painter, full, sheet, thumbnail
 from pipeline.export.run import key_moments
+from pipeline.export.theme import THEMES
 from pipeline.inspect import RecordedEvent
 from pipeline.recording import palette
 
@@ -71,14 +72,14 @@ def test_a_sheet_says_what_its_colours_mean(run, count):
     picture = sheet(run, key_moments(run)[:count], 1600)
     # Of three pictures the fourth place is free; below two there is no place but the last lines.
     legend = picture[picture.shape[0] // 2 :, 805:] if count == 3 else picture[-40:]
-    for _, colours in entries(run.scenes):
+    for _, colours in entries(run.scenes, THEMES["print"]):
         assert any((legend == colour).all(axis=-1).sum() >= 5 for colour in colours)
 
 
 def test_a_run_s_legend_has_what_the_run_has(run):
-    assert {"truth", "no return (stubs)"} <= {words for words, _ in entries(run.scenes)}
+    assert {"truth", "no return (stubs)"} <= {words for words, _ in entries(run.scenes, THEMES["print"])}
     blind = replace(run.scenes, truth=np.full_like(run.scenes.truth, np.nan))
-    assert "truth" not in {words for words, _ in entries(blind)}
+    assert "truth" not in {words for words, _ in entries(blind, THEMES["print"])}
 
 
 def test_a_sheet_and_a_moment_are_files(run, tmp_path):
@@ -137,5 +138,5 @@ def test_a_movie_that_is_stopped_leaves_nothing(run, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         export(run, tmp_path / "run.gif", Wishes(size=(320, 320)), progress=stop)
     assert list(tmp_path.iterdir()) == []
-    movie(run, tmp_path / "run.gif", (320, 320), 100.0, 5, None)
+    movie(run, tmp_path / "run.gif", Film(320, 320, 100.0, 5, "whole", THEMES["print"]))
     assert (tmp_path / "run.gif").exists()
