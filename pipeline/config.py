@@ -5,8 +5,8 @@ Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,11 +15,14 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, mo
 from pydantic import Field as PydanticField
 
 from pipeline import nav2
+from pipeline.config_units import UNITS
 from pipeline.errors import MclError
 from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
+from pipeline.spelling import did_you_mean
+from pipeline.wrong_values import expectation, kind_and_range
 from pipeline.yaml_errors import yaml_told
 
 Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
@@ -320,8 +323,11 @@ def check_name(key: str, source: str | Path | None = None) -> None:
         return  # of an own part, which is asked itself
     if key not in Config.model_fields and key not in ALIASES:
         ours = nav2.OURS.get(key, key)
-        near = difflib.get_close_matches(ours, Config.model_fields, n=1)
-        raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+        role, dot, own = key.partition(".")
+        hint = did_you_mean(ours, Config.model_fields)
+        if dot and (near := did_you_mean(role, ROLES)):
+            hint = near.replace("'?", f".{own}'?")
+        raise MclError(f"unknown parameter {key!r}", hint or "mcl config lists all", path=source)
 
 
 def _with_own_parts(config: Config) -> Config:
@@ -354,7 +360,8 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
 
     path = PRESETS / f"{source}.yaml" if str(source) in preset_names() else Path(source)
     if not path.is_file():
-        raise MclError("no such config file or preset", f"presets: {', '.join(preset_names())}", path=path)
+        near = did_you_mean(str(source), preset_names())
+        raise MclError("no such config file or preset", near or f"presets: {', '.join(preset_names())}", path=path)
     try:
         text = path.read_text()
     except UnicodeDecodeError as error:
@@ -387,5 +394,21 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         file = file_of.get(str(first["loc"][0]) if first["loc"] else "")
         key = ".".join(str(p) for p in first["loc"])
         key = theirs.get(key, key) if file is not None else key
-        said = first["msg"].removeprefix("Value error, ")
-        raise MclError(f"{key}: {said}, got {first['input']!r}" if key else said, path=file) from error
+        said = expectation(first)
+        name = str(first["loc"][0]) if first["loc"] else ""
+        if first["type"] != "value_error" and name in Config.model_fields:
+            key = key.partition(".")[0]
+            said = f"expected {what_is_taken(name)}"
+        got = values[name] if name in values else first["input"]
+        raise MclError(f"{key}: {said}, got {got!r}" if key else said, path=file) from error
+
+
+def what_is_taken(name: str) -> str:
+    """Kind, range and unit of a parameter's values, in words."""
+    unit = UNITS.get(name, "")
+    return kind_and_range(_schema()[name]) + (f" ({unit})" if unit else "")
+
+
+@cache
+def _schema() -> Mapping[str, Any]:
+    return Config.model_json_schema()["properties"]

@@ -16,10 +16,31 @@ from pipeline.printable import one_line, printable
 
 T = TypeVar("T")
 
+QUIET, NORMAL, VERBOSE = 0, 1, 2
+_volume = NORMAL
+
+
+def set_volume(volume: int) -> None:
+    """How much is said from now on: ``QUIET`` errors and results, ``NORMAL`` notes too, ``VERBOSE`` details too."""
+    global _volume
+    _volume = volume
+
+
+def is_quiet() -> bool:
+    """Whether nothing but errors and results is wanted: no progress either."""
+    return _volume == QUIET
+
 
 def note(text: str) -> None:
     """A line for people, on stderr."""
-    print(printable(text), file=sys.stderr, flush=True)
+    if not is_quiet():
+        print(printable(text), file=sys.stderr, flush=True)
+
+
+def detail(text: str) -> None:
+    """A line on stderr for those who asked for more with --verbose."""
+    if _volume >= VERBOSE:
+        note(text)
 
 
 def error(text: str) -> None:
@@ -59,7 +80,7 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], *, 
 
 def progress(items: Iterable[T], total: int, label: str) -> Iterator[T]:
     """Passes the items on and shows how far they are, where somebody looks at stderr; silent otherwise."""
-    if not sys.stderr.isatty():
+    if is_quiet() or not sys.stderr.isatty():
         yield from items
         return
     from rich.console import Console
@@ -73,7 +94,7 @@ def progress(items: Iterable[T], total: int, label: str) -> Iterator[T]:
 def _colour() -> bool:
     import os
 
-    return sys.stderr.isatty() and "NO_COLOR" not in os.environ
+    return sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 def _finite(value: Any) -> Any:

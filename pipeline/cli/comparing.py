@@ -10,7 +10,7 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns, look_at, note_damage
-from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption
+from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption, named_run, named_runs
 from pipeline.cli.reading import Reading, open_log, reads_logs
 from pipeline.errors import MclError
 
@@ -22,8 +22,11 @@ LISTED = 12
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of a run, or its run.rrd.")],
-    b: Annotated[Path, typer.Argument(metavar="RUN_B", help="Another one.")],
+    a: Annotated[
+        Path,
+        typer.Argument(metavar="RUN_A", callback=named_run, help="The folder of a run, its run.rrd, or `latest`."),
+    ],
+    b: Annotated[Path, typer.Argument(metavar="RUN_B", callback=named_run, help="Another one.")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="BOTH.rrd", help="Write a recording that shows both, on one time line."),
@@ -69,7 +72,10 @@ def compare(
 @reads_logs
 def view(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd; or one log, of any kind.")
+        list[Path],
+        typer.Argument(
+            metavar="RUN", callback=named_runs, help="Folders of runs, their run.rrd or `latest`; or one log, of any kind."
+        ),
     ],
     reading: Reading,
     map_path: MapOption = None,

@@ -10,7 +10,7 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import note_damage
-from pipeline.cli.parameters import ForceOption
+from pipeline.cli.parameters import ForceOption, named_runs
 from pipeline.outputs import check_folder
 
 
@@ -18,7 +18,9 @@ def export(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN|LOG.mcap", help="A run's folder or its run.rrd; several for a .yaml; with --raw a log."
+            metavar="RUN|LOG.mcap",
+            callback=named_runs,
+            help="A run's folder, its run.rrd or `latest`; several for a .yaml; with --raw a log.",
         ),
     ],
     outputs: Annotated[

@@ -33,7 +33,7 @@ SetOption = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="A parameter; may be given several times."),
 ]
 ParticlesOption = Annotated[
-    int | None, typer.Option(metavar="N", help="Use so many particles, from the start to the end.")
+    int | None, typer.Option(metavar="N", min=1, help="Use so many particles, from the start to the end.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
 ConnectOption = Annotated[
@@ -64,6 +64,26 @@ FaultOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
 
 
+LATEST = "latest"
+"""The newest run, wherever a command takes one."""
+
+
+def named_run(path: Path) -> Path:
+    """The run of that name; ``latest`` is the one whose recording was written last, unless a file has that name."""
+    if str(path) != LATEST or path.exists():
+        return path
+    from pipeline.recording.run_folder import newest
+
+    run = newest()
+    console.note(f"latest: {run}")
+    return run
+
+
+def named_runs(paths: list[Path] | None) -> list[Path] | None:
+    """The same of several, as typer hands them over."""
+    return None if paths is None else [named_run(path) for path in paths]
+
+
 def asked_faults(texts: list[str] | None) -> tuple[Fault, ...]:
     """What --fault asks for."""
     if not texts:
@@ -80,7 +100,10 @@ def effective_config(source: str | None, settings: list[str] | None, particles: 
     flags["max_particles"] = particles
     if "min_particles" in Config.model_fields:
         flags["min_particles"] = particles
-    return load_config(source, settings or (), remark=_note_once, **flags)
+    config = load_config(source, settings or (), remark=_note_once, **flags)
+    changed = [f"{name}={value}" for name, value in config if value != Config.model_fields[name].default]
+    console.detail(f"parameters: {', '.join(changed) or 'the defaults'}")
+    return config
 
 
 @cache
