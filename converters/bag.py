@@ -34,7 +34,7 @@ from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.odometry import continue_odometry, move
-from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe, no_topic
+from pipeline.logs.recorded import ByLogTime, Names, Recorded, no_topic
 from pipeline.logs.stretches import as_record, begins_after, stretches_of
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import write_log

@@ -6,7 +6,6 @@ Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import cache
 from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,14 +14,14 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator, mo
 from pydantic import Field as PydanticField
 
 from pipeline import nav2
-from pipeline.config_units import UNITS
 from pipeline.errors import MclError
+from pipeline.explained import what_is_taken
 from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
 from pipeline.spelling import did_you_mean
-from pipeline.wrong_values import expectation, kind_and_range
+from pipeline.wrong_values import expectation
 from pipeline.yaml_errors import yaml_told
 
 Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
@@ -323,10 +322,9 @@ def check_name(key: str, source: str | Path | None = None) -> None:
         return  # of an own part, which is asked itself
     if key not in Config.model_fields and key not in ALIASES:
         ours = nav2.OURS.get(key, key)
-        role, dot, own = key.partition(".")
-        hint = did_you_mean(ours, Config.model_fields)
-        if dot and (near := did_you_mean(role, ROLES)):
-            hint = near.replace("'?", f".{own}'?")
+        _, dot, own = key.partition(".")
+        known = [f"{name}.{own}" for name in ROLES] if dot else Config.model_fields
+        hint = did_you_mean(ours, known)
         raise MclError(f"unknown parameter {key!r}", hint or "mcl config lists all", path=source)
 
 
@@ -398,17 +396,6 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         name = str(first["loc"][0]) if first["loc"] else ""
         if first["type"] != "value_error" and name in Config.model_fields:
             key = key.partition(".")[0]
-            said = f"expected {what_is_taken(name)}"
+            said = f"expected {what_is_taken(name, Config.model_json_schema()['properties'][name])}"
         got = values[name] if name in values else first["input"]
         raise MclError(f"{key}: {said}, got {got!r}" if key else said, path=file) from error
-
-
-def what_is_taken(name: str) -> str:
-    """Kind, range and unit of a parameter's values, in words."""
-    unit = UNITS.get(name, "")
-    return kind_and_range(_schema()[name]) + (f" ({unit})" if unit else "")
-
-
-@cache
-def _schema() -> Mapping[str, Any]:
-    return Config.model_json_schema()["properties"]

@@ -7,10 +7,10 @@ from typing import Any
 
 _KINDS = {"integer": "a whole number", "number": "a number", "boolean": "true or false", "string": "a text"}
 _BOUNDS = {
-    "greater_than": "a number above {gt:,}",
-    "greater_than_equal": "a number of at least {ge:,}",
-    "less_than": "a number below {lt:,}",
-    "less_than_equal": "a number of at most {le:,}",
+    "greater_than": "a number above {gt:,g}",
+    "greater_than_equal": "a number of at least {ge:,g}",
+    "less_than": "a number below {lt:,g}",
+    "less_than_equal": "a number of at most {le:,g}",
     "literal_error": "{expected}",
     "finite_number": "a finite number",
     "missing": "a value",

@@ -112,8 +112,8 @@ def sound(file: Checked) -> Checked:
 
 def _names(file: Checked) -> Iterator[Finding]:
     for name in file.given.unknown():
-        known = [*map(file.given.name, PARAMETERS), *OF_EVERY_NODE]
-        do = near[0].upper() + near[1:] if (near := did_you_mean(name, known)) else "Take it out, or look up its name in nav2's configuration guide."
+        near = did_you_mean(name, [*map(file.given.name, PARAMETERS), *OF_EVERY_NODE])
+        do = near[0].upper() + near[1:] if near else "Take it out, or look up its name in nav2's configuration guide."
         yield file.finding("doubtful", name, f"AMCL has no parameter {name}: it is not read.", do)
 
 

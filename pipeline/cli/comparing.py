@@ -74,7 +74,9 @@ def view(
     runs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN", callback=named_runs, help="Folders of runs, their run.rrd or `latest`; or one log, of any kind."
+            metavar="RUN",
+            callback=named_runs,
+            help="Folders of runs, their run.rrd or `latest`; or one log.",
         ),
     ],
     reading: Reading,

@@ -154,9 +154,7 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
         console.note(f"note: {path}: read as a {opened.format}, by way of {opened.mcap}")
     for remark in opened.log.remarks:
         console.note(one_line(f"note: {path}: {remark}"))
-    log, grid = opened.log, opened.log.grid
-    console.detail(
-        f"{path}: {len(log):,} scans in {log.duration:.1f} s, map of {grid.width:,} x {grid.height:,} cells of "
-        f"{grid.resolution:g} m; read in {seconds(time.perf_counter() - began)}"
-    )
+    log, took = opened.log, seconds(time.perf_counter() - began)
+    world = "no map" if log.grid is None else f"a map of {log.grid.width:,} x {log.grid.height:,} cells"
+    console.detail(f"{path}: {len(log):,} scans in {seconds(log.duration)}, {world}; read in {took}")
     return log

@@ -180,7 +180,9 @@ def inspect(
     runs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN", callback=named_runs, help="The folder of a run, its run.rrd or `latest`; several for a table."
+            metavar="RUN",
+            callback=named_runs,
+            help="A run's folder, its run.rrd or `latest`; several for a table.",
         ),
     ],
     at: Annotated[

@@ -23,11 +23,11 @@ def told_in_one_line(error: Any) -> str | None:
 
 def _told(error: Any) -> tuple[str, str]:
     """What is wrong, and what may have been meant."""
-    known = error.ctx.command if error.ctx is not None else None
+    known: Any = error.ctx.command if error.ctx is not None else None
     message = str(error.message).rstrip(".")
     if message.startswith("No such command"):
         name = message.split("'")[1]
-        return f"there is no command {name!r}", did_you_mean(name, known.commands)
+        return f"there is no command {name!r}", did_you_mean(name, known.commands if known is not None else ())
     if getattr(error, "possibilities", None) is not None or message.startswith("No such option"):
         options = [name for parameter in known.params for name in parameter.opts] if known is not None else []
         return f"there is no option {error.option_name}", did_you_mean(error.option_name, options)

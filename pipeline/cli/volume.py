@@ -68,4 +68,3 @@ def with_volume(command: Callable[..., None]) -> Callable[..., None]:
     heard.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     heard.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return heard
-

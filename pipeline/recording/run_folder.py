@@ -79,7 +79,8 @@ def newest(root: Path | str = RECORDINGS) -> Path:
     recordings = [*Path(root).glob(f"*/*/{RECORDING}"), *Path().glob(f"*/{RECORDING}")]
     if not recordings:
         raise MclError(
-            f"there is no run yet in {root}/ or in this folder", "mcl localize makes one, or mcl demo; or name its folder"
+            f"there is no run yet in {root}/ or in this folder",
+            "mcl localize and mcl demo make one; or name its folder",
         )
     return max(recordings, key=lambda path: (path.stat().st_mtime_ns, str(path))).parent
 

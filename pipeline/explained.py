@@ -1,8 +1,11 @@
-"""Units of the parameters, and the symbols that Probabilistic Robotics has for them."""
+"""What a parameter takes and what the book calls it: kind, range, unit and symbol."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
+
+from pipeline.wrong_values import kind_and_range
 
 UNITS: Mapping[str, str] = {
     "initial_pose": "m, m, rad",
@@ -52,3 +55,9 @@ SYMBOLS: Mapping[str, str] = {
     "recovery_alpha_fast": "α_fast",
 }
 """Of those that the book knows, with _ before what stands below and ^ before what stands above."""
+
+
+def what_is_taken(name: str, schema: Mapping[str, Any]) -> str:
+    """Kind, range and unit of a parameter's values, in words; ``schema``: its JSON schema."""
+    unit = UNITS.get(name)
+    return kind_and_range(schema) + (f" ({unit})" if unit else "")
