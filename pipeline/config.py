@@ -5,7 +5,6 @@ Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from pathlib import Path
@@ -16,10 +15,13 @@ from pydantic import Field as PydanticField
 
 from pipeline import nav2
 from pipeline.errors import MclError
+from pipeline.explained import what_is_taken
 from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
+from pipeline.spelling import did_you_mean
+from pipeline.wrong_values import expectation
 from pipeline.yaml_errors import yaml_told
 
 Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
@@ -324,8 +326,10 @@ def check_name(key: str, source: str | Path | None = None) -> None:
         return  # of an own part, which is asked itself
     if key not in Config.model_fields and key not in ALIASES:
         ours = nav2.OURS.get(key, key)
-        near = difflib.get_close_matches(ours, Config.model_fields, n=1)
-        raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+        _, dot, own = key.partition(".")
+        known = [f"{name}.{own}" for name in ROLES] if dot else Config.model_fields
+        hint = did_you_mean(ours, known)
+        raise MclError(f"unknown parameter {key!r}", hint or "mcl config lists all", path=source)
 
 
 def _with_own_parts(config: Config) -> Config:
@@ -358,7 +362,8 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
 
     path = PRESETS / f"{source}.yaml" if str(source) in preset_names() else Path(source)
     if not path.is_file():
-        raise MclError("no such config file or preset", f"presets: {', '.join(preset_names())}", path=path)
+        near = did_you_mean(str(source), preset_names())
+        raise MclError("no such config file or preset", near or f"presets: {', '.join(preset_names())}", path=path)
     try:
         text = path.read_text()
     except UnicodeDecodeError as error:
@@ -391,5 +396,10 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         file = file_of.get(str(first["loc"][0]) if first["loc"] else "")
         key = ".".join(str(p) for p in first["loc"])
         key = theirs.get(key, key) if file is not None else key
-        said = first["msg"].removeprefix("Value error, ")
-        raise MclError(f"{key}: {said}, got {first['input']!r}" if key else said, path=file) from error
+        said = expectation(first)
+        name = str(first["loc"][0]) if first["loc"] else ""
+        if first["type"] != "value_error" and name in Config.model_fields:
+            key = key.partition(".")[0]
+            said = f"expected {what_is_taken(name, Config.model_json_schema()['properties'][name])}"
+        got = values[name] if name in values else first["input"]
+        raise MclError(f"{key}: {said}, got {got!r}" if key else said, path=file) from error

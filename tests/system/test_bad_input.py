@@ -213,7 +213,8 @@ def test_bad_usage_gets_the_usage(typed: str, typed_here: Command, desk: Path) -
     before = contents(desk)
     done = typed_here(*typed.split(), code=2, cwd=desk)
     assert done.stdout == ""
-    assert done.stderr.startswith("Usage: mcl")
+    assert done.stderr.startswith("error: mcl")
+    assert done.stderr.count("\n") == 1
     assert BAD_USAGE[typed] in done.stderr.splitlines()[-1]
     assert contents(desk) == before
 
