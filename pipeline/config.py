@@ -20,7 +20,7 @@ from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
-from pipeline.spelling import did_you_mean
+from pipeline.spelling import did_you_mean, meant_or_known
 from pipeline.wrong_values import expectation
 from pipeline.yaml_errors import yaml_told
 
@@ -120,15 +120,12 @@ class Config(BaseModel):
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
     beam_step: int | None = Field(None, ge=1, description="Use every n-th beam instead of max_beams.")
     laser_min_range: NonNegative = Field(
-        0.0,
-        description="Readings no longer than this say nothing, m, nor do those below the scan's own shortest range.",
+        0.0, description="Readings no longer than this say nothing, m, nor those below the scan's own shortest range."
     )
     laser_max_range: Positive | None = Field(
         None, description="Longest range that counts, m; the scan's own if that is shorter, or if not given."
     )
-    no_return_fraction: Fraction = Field(
-        1.0, description="Readings at or above this share of the maximum range count as 'no return'."
-    )
+    no_return_fraction: Fraction = Field(1.0, description="From this share of the maximum range on: 'no return'.")
     range_bias: float | None = Field(
         None,
         description="Taken off every measured range, m: walls that the map draws too near. "
@@ -175,8 +172,7 @@ class Config(BaseModel):
     # --- true ranges from the map ----------------------------------------------------------------------------
     occupied_threshold: Fraction | None = Field(
         None,
-        description="Cells at least so probably occupied stop a ray. Not given: 0.97, or 0.65 on a map whose walls are "
-        "grey.",
+        description="Cells at least so probably occupied stop a ray. Not given: 0.97, or 0.65 where walls are grey.",
     )
     free_threshold: Fraction = Field(0.25, description="Cells less probably occupied than this may hold the robot.")
     ray_caster: Literal["table", "dda", "bresenham"] = Field(
@@ -362,8 +358,7 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
 
     path = PRESETS / f"{source}.yaml" if str(source) in preset_names() else Path(source)
     if not path.is_file():
-        near = did_you_mean(str(source), preset_names())
-        raise MclError("no such config file or preset", near or f"presets: {', '.join(preset_names())}", path=path)
+        raise MclError("no such config file or preset", meant_or_known(str(source), preset_names()), path=path)
     try:
         text = path.read_text()
     except UnicodeDecodeError as error:
@@ -393,11 +388,11 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         return Config.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
-        file = file_of.get(str(first["loc"][0]) if first["loc"] else "")
+        name = str(first["loc"][0]) if first["loc"] else ""
+        file = file_of.get(name)
         key = ".".join(str(p) for p in first["loc"])
         key = theirs.get(key, key) if file is not None else key
         said = expectation(first)
-        name = str(first["loc"][0]) if first["loc"] else ""
         if first["type"] != "value_error" and name in Config.model_fields:
             key = key.partition(".")[0]
             said = f"expected {what_is_taken(name, Config.model_json_schema()['properties'][name])}"
