@@ -15,4 +15,4 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 def meant_or_known(word: str, known: Iterable[str]) -> str:
     """The same, and a list of all that is known where none is near."""
     names = list(known)
-    return did_you_mean(word, names) or f"there are {', '.join(names)}"
+    return did_you_mean(word, names) or f"there {'are' if len(names) > 1 else 'is only'} {', '.join(names)}"

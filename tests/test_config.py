@@ -125,7 +125,7 @@ def test_a_number_that_nobody_means_is_named() -> None:
         (["alpha1=.inf"], r"^alpha1: .*got inf"),
         (["do_beamskip=perhaps"], r"^do_beamskip: expected true or false, got 'perhaps'$"),
         (["without=gaps"], r"^without: expected a list in brackets, like \[gaps\]"),
-        (["occupied_threshold=1.1"], r"^occupied_threshold: expected a number from 0 to 1, got 1.1$"),
+        (["occupied_threshold=1.1"], r"^occupied_threshold: expected a number from 0 to 1 or null, got 1.1$"),
         (["ray_caster=magic"], r"^ray_caster: expected one of table, dda, bresenham, got 'magic'$"),
         (["init=pose"], r"initial_pose"),
         (["init=pose", "initial_pose=[1, 2]"], r"^initial_pose"),
@@ -161,7 +161,7 @@ def test_a_wrong_file_is_named(tmp_path: Path, text: str, said: str):
 def test_a_missing_file_lists_the_presets(tmp_path: Path):
     with pytest.raises(MclError) as error:
         load_config(tmp_path / "nosuch.yaml")
-    assert "nosuch.yaml: no such config file or preset (presets: " in told(error)
+    assert "nosuch.yaml: no such config file or preset (there is only course)" in told(error)
 
 
 def test_a_parameter_of_an_earlier_version_is_one_line_and_not_read(tmp_path: Path):
