@@ -11,6 +11,7 @@ ONLY ?=
 DATA ?= ../shared/data
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+BROWSERS := .browsers/.installed
 
 .PHONY: help setup demo test slow docs lint format bench sweep fuzz faults pictures clean
 .DEFAULT_GOAL := help
@@ -27,10 +28,18 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
+# What drives the browsers in tests/share; without it, or without a browser, those tests skip and say so.
+$(BROWSERS): tests/share/package.json tests/share/package-lock.json
+	@mkdir -p .browsers && cp tests/share/package.json tests/share/package-lock.json .browsers/
+	@if command -v npm >/dev/null; then \
+		(cd .browsers && npm ci --ignore-scripts --no-audit --no-fund --loglevel=error) && touch $@ \
+			|| echo "npm could not install what drives the browsers: their tests are skipped" >&2; \
+	else echo "there is no npm: the tests in browsers are skipped" >&2; fi
+
 demo: $(INSTALLED)  ## Find the robot in the embedded building and write a recording
 	$(BIN)/mcl demo
 
-test: lint  ## Everything that is checked: style, types, layers, tests
+test: lint $(BROWSERS)  ## Everything that is checked: style, types, layers, tests
 	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadscope
 
 docs: $(INSTALLED)  ## The documentation as a site, in build/site; runs its notebooks, and fails at any warning

@@ -43,7 +43,6 @@ WITNESSES_TAB = 2
 PART, PART_AT, OFF_THE_MAP = 8.0, 45.0, 47.0
 """m, s, s: side of the square that a map lacks, when the robot is in its middle, and when it is looked at."""
 SIZE = (1440, 782)
-BROWSER_FRAME = 90  # rows that a window has beside its page, some of them
 TITLE_BAR = 38  # rows of the viewer's own window that say nothing about a run
 PATIENCE = 60.0
 HUES = 192  # of the 256 colours of a picture; the others are greys
@@ -156,12 +155,12 @@ def browse(recording: Path, at: float, picture: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         page, shot = Path(folder) / "run.html", Path(folder) / "shot.png"
         share(recording, page)
-        size = f"--window-size={SIZE[0]},{SIZE[1] + BROWSER_FRAME}"
+        size = f"--window-size={SIZE[0]},{SIZE[1]}"
         quietly = ("--headless", "--no-sandbox", "--no-first-run", f"--user-data-dir={folder}/profile")
         wait = "--virtual-time-budget=8000"
         command = [browser, *quietly, size, wait, f"--screenshot={shot}", f"{page.as_uri()}#t={at}"]
         subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE)
-        shown = Image.open(shot).convert("RGB").crop((0, 0, *SIZE))
+        shown = Image.open(shot).convert("RGB")
         shown.quantize(palette=colours(shown), dither=Image.Dither.NONE).save(picture, optimize=True)
 
 

@@ -33,6 +33,7 @@ _HOMES = {
     "Score": ("pipeline.evaluate.metrics", "Score"),
     "Sink": ("pipeline.localization", "Sink"),
     "Step": ("pipeline.filter.step", "Step"),
+    "Track": ("pipeline.compare", "Track"),
     "Trajectory": ("pipeline.logs.messages", "Trajectory"),
     "Verdict": ("pipeline.judgement.verdict", "Verdict"),
     "Wishes": ("pipeline.export.files", "Wishes"),

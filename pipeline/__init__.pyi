@@ -2,6 +2,7 @@
 from converters import read_map as load_map
 from converters.cached import read_log
 from pipeline.compare import Comparison as RunComparison
+from pipeline.compare import Track
 from pipeline.compare import compare as compare_runs
 from pipeline.config import Config, dump_config, load_config
 from pipeline.drawing import draw_belief, draw_map, draw_run
@@ -46,6 +47,7 @@ __all__ = [
     "Score",
     "Sink",
     "Step",
+    "Track",
     "Trajectory",
     "Verdict",
     "Wishes",

@@ -5,39 +5,89 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from string import ascii_uppercase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluate.metrics import pose_errors
-from pipeline.export.run import Run, differing
+from pipeline.errors import MclError
+from pipeline.evaluate.metrics import interpolate, pose_errors
+from pipeline.export.run import Run, differing, read_run
+from pipeline.logs.messages import Trajectory
+from pipeline.logs.tum import read_tum
 from pipeline.outputs import check_output, check_suffix, replacing
+from pipeline.recording.rrd_file import MAGIC
 
 if TYPE_CHECKING:
-    from pipeline.recording.side_by_side import Apart, Shown
+    from pipeline.recording.side_by_side import Apart, Shown, Way
 
 APART = 0.5
 """Metres between two estimates from which on they are said to part."""
 APART_TURN = float(np.deg2rad(10.0))
 """Radians, likewise."""
 
+MOST = 6
+"""Runs and tracks that are told apart in one comparison: so many colours there are."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Where another filter, AMCL for instance, has the robot: its ``name``, that of a TUM file, and the ``trajectory``
+    of base_link in the map's frame."""
+
+    name: str
+    trajectory: Trajectory
+
+    def __repr__(self) -> str:
+        return f"Track({self.name!r}: {len(self.trajectory.stamps):,} poses)"
+
+
+Compared = Run | Track
+
+
+def read_compared(paths: Sequence[Path]) -> list[Compared]:
+    """Runs, by their folders or recordings, and tracks, by their TUM files; told apart by what they hold.
+
+    Raises MclError for what is neither, if the first is no run, if there are more than ``MOST``, or if a track has no
+    pose within the time of the first run.
+    """
+    if len(paths) > MOST:
+        raise MclError(f"at most {MOST} are compared with each other, {len(paths)} were given")
+    found = [_read_one(path) for path in paths]
+    if isinstance(found[0], Track):
+        raise MclError("the first one is a run, which has the map and the scans", "name it first", path=paths[0])
+    for path, one in zip(paths, found, strict=True):
+        if isinstance(one, Track) and not len(compare(found[0], one).times):
+            raise MclError(
+                "no pose of this file is of the time of the first run", "are its stamps those of the log?", path=path
+            )
+    return found
+
+
+def _read_one(path: Path) -> Compared:
+    if path.is_file() and path.suffix != ".rrd":
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                return Track(path.name, read_tum(path))
+    return read_run(path)
+
 
 @dataclass(frozen=True)
 class Figures:
-    """What came out of a run; None where it is not known.
+    """What came out of a run or a track; None where it is not known.
 
     Times are s of the log but for ``wall``, which is s of the machine; errors are m against the truth as drawn (4 mm),
     ``error`` the median from convergence on, None if that never came; ``explained`` is a share of the beams.
     """
 
     log: str
-    seed: int
+    seed: int | None
     scans: int
     duration: float
     converged_at: float | None
-    lost: int
-    found: int
+    lost: int | None
+    found: int | None
     explained: float | None
     error: float | None
     end_error: float | None
@@ -70,12 +120,33 @@ def figures(run: Run) -> Figures:
     )
 
 
+def track_figures(track: Track, beside: Run) -> Figures:
+    """What is known of another filter's way: against the truth of the run, at its scans."""
+    at = _common(beside, track)[0]
+    error = track_errors(track, beside)[0]
+    known = error[~np.isnan(error)]
+    return Figures(
+        log=track.name,
+        seed=None,
+        scans=len(at),
+        duration=float(np.ptp(beside.told.times[at])) if len(at) else 0.0,
+        converged_at=None,
+        lost=None,
+        found=None,
+        explained=None,
+        error=float(np.median(known)) if len(known) else None,
+        end_error=float(error[-1]) if len(known) and not np.isnan(error[-1]) else None,
+        particles=None,
+        wall=None,
+    )
+
+
 FIGURES: tuple[tuple[str, Callable[[Figures], str]], ...] = (
     ("scans", lambda f: f"{f.scans:,}"),
     ("duration", lambda f: f"{f.duration:.1f} s"),
-    ("converged", lambda f: "never" if f.converged_at is None else f"{f.converged_at:.1f} s"),
-    ("times lost", lambda f: f"{f.lost}"),
-    ("times found again", lambda f: f"{f.found}"),
+    ("converged", lambda f: "-" if f.lost is None else _or_dash(f.converged_at, lambda v: f"{v:.1f} s", "never")),
+    ("times lost", lambda f: _or_dash(f.lost, str)),
+    ("times found again", lambda f: _or_dash(f.found, str)),
     ("explained", lambda f: _or_dash(f.explained, lambda v: f"{100 * v:.0f} %")),
     ("error", lambda f: _or_dash(f.error, lambda v: f"{v:.2f} m")),
     ("at the end", lambda f: _or_dash(f.end_error, lambda v: f"{v:.2f} m")),
@@ -99,7 +170,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two runs side by side.
+    """Two runs side by side, or a run and a track.
 
     ``figures`` of each; ``config``: what differs in their parameters, (value, value) by name, None where one lacks it;
     ``same_log``, ``same_map``; ``common``: how many scans they share, by stamp, and ``apart`` when they stood at
@@ -144,16 +215,6 @@ class Comparison:
             },
         }
 
-    def config_rows(self) -> list[tuple[str, str, str]]:
-        """Parameters that differ, as (name, value, value) texts."""
-        return [(name, _shown(a), _shown(b)) for name, (a, b) in self.config.items()]
-
-    def figure_rows(self) -> list[tuple[str, str, str]]:
-        """Figures as (name, value, value) texts."""
-        a, b = self.figures
-        rows = [("log", a.log, b.log), ("seed", str(a.seed), str(b.seed))]
-        return [*rows, *((name, show(a), show(b)) for name, show in FIGURES if (show(a), show(b)) != ("-", "-"))]
-
     def apart_rows(self) -> list[tuple[str, str, str]]:
         """When the estimates were apart, as texts: from when to when, how far at first, and at the worst."""
         return [
@@ -163,16 +224,19 @@ class Comparison:
         ]  # fmt: skip
 
 
-def compare(a: Run, b: Run) -> Comparison:
-    """What differs between two runs; their estimates at the scans that both have, told apart by the stamps."""
-    _, left, right = np.intersect1d(a.told.stamps, b.told.stamps, return_indices=True)
-    position, turn = pose_errors(a.told.poses[left], b.told.poses[right])
+def compare(a: Run, b: Run | Track) -> Comparison:
+    """What differs between two runs, or a run and a track; their estimates at the scans that both have, told apart by
+    the stamps. Between the poses of a track the way is taken as straight."""
+    left, at_a, at_b = _common(a, b)
+    position, turn = pose_errors(at_a, at_b)
     times = a.told.times[left]
+    told = figures(b) if isinstance(b, Run) else track_figures(b, a)
+    other = b if isinstance(b, Run) else a
     return Comparison(
-        figures=(figures(a), figures(b)),
-        config=differing([a, b]),
-        same_log=a.told.log_sha256 == b.told.log_sha256,
-        same_map=a.told.map_sha256 == b.told.map_sha256,
+        figures=(figures(a), told),
+        config=differing([a, b]) if isinstance(b, Run) else {},
+        same_log=a.told.log_sha256 == other.told.log_sha256,
+        same_map=a.told.map_sha256 == other.told.map_sha256,
         apart=_stretches(times, position, turn),
         scans=a.told.scan_indices[left],
         times=times,
@@ -180,52 +244,91 @@ def compare(a: Run, b: Run) -> Comparison:
     )
 
 
-def table(runs: Sequence[Run]) -> dict[str, tuple[str, ...]]:
-    """A text for every run by what it tells: log and seed, the parameters that differ, and figures known of any."""
-    told = [figures(run) for run in runs]
-    rows = {"log": tuple(one.log for one in told), "seed": tuple(str(one.seed) for one in told)}
-    rows |= {name: tuple(map(_shown, values)) for name, values in differing(runs).items()}
-    shown = {label: tuple(show(one) for one in told) for label, show in FIGURES}
-    return rows | {label: texts for label, texts in shown.items() if set(texts) != {"-"}}
+def _common(a: Run, b: Compared) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """The rows of ``a`` at which ``b`` says something as well, and the poses of both there, (n, 3) each."""
+    if isinstance(b, Run):
+        _, left, right = np.intersect1d(a.told.stamps, b.told.stamps, return_indices=True)
+        return left, a.told.poses[left], b.told.poses[right]
+    poses = interpolate(b.trajectory, a.told.stamps)
+    rows = np.flatnonzero(~np.isnan(poses[:, 0]))
+    return rows, a.told.poses[rows], poses[rows]
 
 
-def record(runs: Sequence[Run], output: Path, *, force: bool = False) -> None:
-    """Write one recording that shows the runs on the same time line; of one run a whole copy, whatever its damage.
+def config_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
+    """The parameters that differ, as texts: the name, and everyone's value."""
+    found = differing([one for one in compared if isinstance(one, Run)])
+    whose = [isinstance(one, Run) for one in compared]
+    told = {name: iter(values) for name, values in found.items()}
+    return [(name, *(_shown(next(of_run) if own else None) for own in whose)) for name, of_run in told.items()]
+
+
+def figure_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
+    """What is known of any, as texts: what it is, and everyone's, beginning with log and seed.
+
+    Tracks are held against the truth of the first run.
+    """
+    first = next(one for one in compared if isinstance(one, Run))
+    told = [figures(one) if isinstance(one, Run) else track_figures(one, first) for one in compared]
+    shown = [(label, *(show(one) for one in told)) for label, show in FIGURES]
+    rows = [("log", *(one.log for one in told)), ("seed", *(_shown(one.seed) for one in told)), *shown]
+    return [row for row in rows if set(row[1:]) != {"-"}]
+
+
+def table(compared: Sequence[Compared]) -> dict[str, tuple[str, ...]]:
+    """A text for everyone by what it tells: log and seed, the parameters that differ, and figures known of any."""
+    log, seed, *known = figure_rows(compared)
+    return {name: tuple(texts) for name, *texts in (log, seed, *config_rows(compared), *known)}
+
+
+def record(compared: Sequence[Compared], output: Path, *, force: bool = False) -> None:
+    """Write one recording that shows runs on the same time line, and the ways of tracks on the map of the first run;
+    of one run a whole copy, whatever its damage.
 
     Raises MclError as `write_side_by_side`, or if ``output`` exists and ``force`` does not say to replace it.
     """
-    from pipeline.recording.side_by_side import write_run, write_side_by_side
+    from pipeline.recording.side_by_side import Shown, write_run, write_side_by_side
 
     check_output(output, force)
     check_suffix(output, ".rrd", "the name of a recording ends in .rrd")
+    shown = _to_show(compared)
     with replacing(output) as partial:
-        if len(runs) == 1:
-            write_run(partial, _to_show(runs)[0])
+        if len(shown) == 1 and isinstance(shown[0], Shown):
+            write_run(partial, shown[0])
         else:
-            write_side_by_side(partial, _to_show(runs), apart=_distance(runs))
+            write_side_by_side(partial, shown, apart=_distances(compared))
 
 
 def send(runs: Sequence[Run], address: str) -> None:
     """Show a run, or several side by side, in the viewer at ``address``. Raises MclError if it takes nothing."""
-    from pipeline.recording.side_by_side import send_run, send_side_by_side
+    from pipeline.recording.side_by_side import Shown, send_run, send_side_by_side
 
-    if len(runs) == 1:
-        send_run(address, _to_show(runs)[0])
+    shown = _to_show(runs)
+    if len(shown) == 1 and isinstance(shown[0], Shown):
+        send_run(address, shown[0])
     else:
-        send_side_by_side(address, _to_show(runs), apart=_distance(runs))
+        send_side_by_side(address, shown, apart=_distances(runs))
 
 
-def _to_show(runs: Sequence[Run]) -> list[Shown]:
-    from pipeline.recording.side_by_side import Shown
+def _to_show(compared: Sequence[Compared]) -> list[Shown | Way]:
+    from pipeline.recording.side_by_side import Shown, Way
 
-    return [Shown(f"{run.name}, seed {run.seed}", run.file, run.scenes) for run in runs]
+    shown: list[Shown | Way] = []
+    for one in compared:
+        if isinstance(one, Run):
+            shown.append(Shown(f"{one.name}, seed {one.seed}", one.file, one.scenes))
+        else:
+            first = next(run for run in compared if isinstance(run, Run))
+            rows, _, poses = _common(first, one)
+            shown.append(Way(one.name, first.told.scan_indices[rows], first.told.times[rows], poses))
+    return shown
 
 
-def _distance(runs: Sequence[Run]) -> Apart | None:
-    if len(runs) != 2:
-        return None
-    found = compare(*runs)
-    return (found.scans, found.times, found.distances) if found.common else None
+def _distances(compared: Sequence[Compared]) -> dict[str, Apart]:
+    """Of everyone but the first, by their letters, where they have scans in common with it."""
+    first, *others = compared
+    assert isinstance(first, Run)
+    pairs = zip(ascii_uppercase[1:], (compare(first, other) for other in others), strict=False)
+    return {letter: (found.scans, found.times, found.distances) for letter, found in pairs if found.common}
 
 
 def errors(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -233,8 +336,15 @@ def errors(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return pose_errors(run.scenes.estimates, run.scenes.truth)
 
 
-def _or_dash(value: float | None, show: Callable[[float], str]) -> str:
-    return "-" if value is None else show(value)
+def track_errors(track: Track, beside: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Position (m) and heading (rad) error of a track at the scans of a run at which it says something, against the
+    truth of that run, (n,) each; NaN where the truth is not known."""
+    rows, _, poses = _common(beside, track)
+    return pose_errors(poses, beside.scenes.truth[rows])
+
+
+def _or_dash(value: float | None, show: Callable[[float], str], dash: str = "-") -> str:
+    return dash if value is None else show(value)
 
 
 def _stretches(

@@ -171,7 +171,11 @@ class Config(BaseModel):
     )
 
     # --- true ranges from the map ----------------------------------------------------------------------------
-    occupied_threshold: Fraction = Field(0.97, description="Cells at least so probably occupied stop a ray.")
+    occupied_threshold: Fraction | None = Field(
+        None,
+        description="Cells at least so probably occupied stop a ray. Not given: 0.97, or 0.65 on a map whose walls are "
+        "grey.",
+    )
     free_threshold: Fraction = Field(0.25, description="Cells less probably occupied than this may hold the robot.")
     ray_caster: Literal["table", "dda", "bresenham"] = Field(
         "table", description="Where z* comes from: a pre-computed table, Amanatides and Woo, Bresenham's line."

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from pipeline.logs.result import ResultFile
-    from pipeline.recording.rerun_sink import Density, RerunSink
+    from pipeline.recording.rerun_sink import RerunSink
     from pipeline.world.seen import Seen
 
 HINDSIGHT = "trajectory_hindsight.tum"
@@ -171,9 +171,9 @@ def replay(
             if record:
                 from pipeline.recording.rerun_sink import RerunSink
 
-                density, begun = _sensor_model(log, config), time.perf_counter()
+                begun = time.perf_counter()
                 sink = RerunSink(
-                    folder.recording, log=log, config=config, seed=seed, density=density, viewer=viewer,
+                    folder.recording, log=log, config=config, seed=seed, viewer=viewer,
                     substeps=substeps is not None,
                 )  # fmt: skip
                 recordings = [stack.enter_context(sink)]
@@ -339,14 +339,3 @@ def _score(result: RunResult) -> Score | None:
         return score_run(result)
     except MclError:
         return None  # a truth that says nothing of the log, or of a whole stretch, is no reason to lose the run
-
-
-def _sensor_model(log: Log, config: Config) -> Density:
-    """The beam model at a wall 5 m away, or at half of a range that ends before 10 m."""
-    from pipeline.filter.own_sensor import beam_density
-
-    assert log.grid is not None, "a log without a map"
-    longest = log.laser.longest(config.laser_max_range)
-    wall = min(5.0, longest / 2)
-    z = np.linspace(0.0, 2 * wall, 201)
-    return z, beam_density(config, longest, log.grid, log.laser).density(z, np.full_like(z, wall)), wall

@@ -14,10 +14,12 @@ sys.path.insert(0, str(Path(__file__).parent / "recording"))
 from synthetic import drive, steps
 
 from pipeline.cli import app
-from pipeline.compare import FIGURES, compare, figures, record, table
+from pipeline.compare import FIGURES, Track, compare, figures, read_compared, record, table, track_errors
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.export.run import read_run
+from pipeline.logs.messages import Trajectory
+from pipeline.logs.tum import read_tum, write_tum
 from pipeline.recording.rerun_sink import RerunSink
 from pipeline.recording.rrd_file import read_rrd
 from pipeline.recording.side_by_side import Shown, called, write_side_by_side
@@ -115,12 +117,12 @@ def test_a_table_tells_of_every_run_what_differs_and_what_came_out(runs):
 
 def test_one_recording_shows_both(runs, tmp_path):
     path = tmp_path / "both.rrd"
-    write_side_by_side(path, [Shown(run.name, run.file, run.scenes) for run in runs[:2]], apart=None)
+    write_side_by_side(path, [Shown(run.name, run.file, run.scenes) for run in runs[:2]], apart={})
     there = {chunk.entity_path for chunk in read_rrd(path).chunks}
     assert {"/A/world/particles", "/B/world/particles", "/A/world/map", "/all/A/path", "/all/B/robot"} <= there
     assert not any("timings" in entity for entity in there)
     with pytest.raises(MclError, match="exists already"):
-        write_side_by_side(path, [], apart=None)
+        write_side_by_side(path, [], apart={})
 
 
 def test_runs_of_the_same_name_are_told_apart_by_their_parameters(runs):
@@ -147,7 +149,7 @@ def test_a_whole_copy_of_a_damaged_recording_can_be_made(paths, tmp_path):
 def test_different_maps_are_not_laid_over_each_other(runs, tmp_path):
     other = read_run(write(tmp_path / "d.rrd", log=drive(20, origin=(5.0, 0.0, 0.0))))
     shown = [Shown(run.name, run.file, run.scenes) for run in (runs[0], other)]
-    write_side_by_side(tmp_path / "both.rrd", shown, apart=None)
+    write_side_by_side(tmp_path / "both.rrd", shown, apart={})
     assert not any(chunk.entity_path.startswith("/all") for chunk in read_rrd(tmp_path / "both.rrd").chunks)
 
 
@@ -157,7 +159,7 @@ def test_compare_as_it_is_typed(typed, paths, tmp_path):
     assert done.stderr.splitlines()[-1].endswith(f"rerun {tmp_path / 'both.rrd'}")
     assert done.stdout.splitlines()[-1] == str(tmp_path / "both.rrd")
     assert "sigma_hit" in done.stdout
-    assert "/apart/distance" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}
+    assert "/apart/distance/B" in {chunk.entity_path for chunk in read_rrd(tmp_path / "both.rrd").chunks}
     again = typed("compare", paths[0], paths[1], "-o", tmp_path / "both.rrd")
     assert (again.exit_code, "exists already" in again.stderr) == (1, True)
     (tmp_path / "cut.rrd").write_bytes(paths[0].read_bytes()[:-40_000])
@@ -207,3 +209,73 @@ def test_of_many_runs_each_has_a_row_and_what_is_alike_is_told_once(typed, paths
     assert "sigma_hit" in heading
     assert not {"log", "scans"} & set(heading.split())
     assert ["scans", "150"] in [line.split() for line in lines[: lines.index(heading)]]
+
+
+def tum(path, run, *, rows=slice(None), shift=0.0):
+    poses = run.told.poses[rows].copy()
+    poses[:, 0] += shift
+    write_tum(path, Trajectory(run.told.stamps[rows], poses))
+    return path
+
+
+def test_the_way_of_another_filter_is_compared_at_the_scans(runs, tmp_path):
+    a = runs[0]
+    every_other = read_tum(tum(tmp_path / "amcl.tum", a, rows=slice(20, 131, 2), shift=0.7))
+    found = compare(a, Track("amcl.tum", every_other))
+    assert found.common == 111
+    assert found.distances == pytest.approx(0.7, abs=0.1)  # between two poses the way is straight
+    assert [(s.begin, s.end) for s in found.apart] == [(a.told.times[20], a.told.times[130])]
+    assert found.config == {}
+    told = found.figures[1]
+    assert (told.log, told.seed, told.lost, told.scans) == ("amcl.tum", None, None, 111)
+    assert told.error == pytest.approx(np.median(track_errors(Track("amcl.tum", every_other), a)[0]))
+    json.dumps(found.to_dict())
+
+
+def test_runs_and_tracks_are_told_apart_by_what_they_hold(paths, runs, tmp_path):
+    run = tmp_path / "run.tum"
+    run.write_bytes(paths[1].read_bytes())
+    track = tum(tmp_path / "track.txt", runs[0])
+    a, b, c = read_compared([paths[0], run, track])
+    assert (a.seed, b.seed, c.name) == (0, 4, "track.txt")
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        (["tum", "a"], "the first one is a run"),
+        (["a", "tum of c"], "no pose of this file is of the time"),
+        (["a"] * 7, "at most 6"),
+        (["a", "text"], "text.tum:1: expected 8 numbers"),
+        (["a", "nothing"], "nothing"),
+        (["a"], "two of them or more"),
+    ],
+)
+def test_what_cannot_be_compared(typed, paths, runs, tmp_path, chosen, said):
+    (tmp_path / "text.tum").write_text("hello\n")
+    there = {"a": paths[0], "tum": tum(tmp_path / "a.tum", runs[0]), "tum of c": tum(tmp_path / "c.tum", runs[2]),
+             "text": tmp_path / "text.tum", "nothing": tmp_path / "nothing"}  # fmt: skip
+    done = typed("compare", *(there[name] for name in chosen), "-o", tmp_path / "all.html")
+    assert done.exit_code == (2 if chosen == ["a"] else 1)
+    assert said in " ".join(done.stderr.replace("│", " ").split())
+    assert not (tmp_path / "all.html").exists()
+
+
+def test_three_are_compared_on_a_page_and_in_a_recording(typed, paths, runs, tmp_path):
+    track = tum(tmp_path / "amcl.tum", runs[0], shift=0.7)
+    done = typed("compare", paths[0], paths[1], track, "-o", tmp_path / "all.html")
+    assert done.exit_code == 0
+    assert done.stdout.splitlines()[-1] == str(tmp_path / "all.html")
+    assert "estimates of B and A" in done.stdout
+    assert "estimates of C and A are apart, by more than 0.5 m or 10 deg (150 common scans)" in done.stdout
+    rows = {line.split()[0]: line.split()[1:] for line in done.stdout.splitlines() if line.strip()}
+    assert rows["seed"] == ["0", "4", "-"]
+    assert rows["sigma_hit"] == ["0.1", "0.3", "-"]
+    assert (tmp_path / "all.html").read_text().startswith("<!doctype html>")
+    assert typed("compare", paths[0], track, paths[1], "-o", tmp_path / "all.rrd").exit_code == 0
+    there = {chunk.entity_path for chunk in read_rrd(tmp_path / "all.rrd").chunks}
+    assert {"/all/A/path", "/all/B/robot", "/all/C/robot", "/apart/distance/B", "/apart/distance/C"} <= there
+    assert {"/A/world/particles", "/C/world/particles"} <= there
+    assert "/B/world/particles" not in there
+    told = json.loads(typed("compare", paths[0], paths[1], track, "--json").stdout)
+    assert [pair["b"]["log"] for pair in told] == ["synthetic", "amcl.tum"]

@@ -9,7 +9,6 @@ import numpy as np
 
 from pipeline.bench.measure import Growth, measured, seconds
 from pipeline.bench.scoring import Bench
-from pipeline.config import load_config
 from pipeline.logs.messages import Log
 from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.maps.range_table import build_range_table, throwaway_tables
@@ -38,7 +37,7 @@ def growth(log: Log, repeats: int) -> list[Growth]:
             assert log.grid is not None
             larger = dataclasses.replace(log, grid=_tiled(log.grid, metres))
             assert larger.grid is not None
-            of_map = (larger.grid, load_config().occupied_threshold, log.laser.longest(None), every)
+            of_map = (larger.grid, larger.grid.wall_threshold(None), log.laser.longest(None), every)
             build_range_table(*of_map)
             built.append(seconds(lambda of_map=of_map: build_range_table(*of_map)))  # type: ignore[misc]
             by_size.append(_score(Bench(larger, POSES, every), repeats))

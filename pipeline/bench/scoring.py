@@ -49,7 +49,7 @@ class Bench:
         self.sensor = Sensor(grid, log.laser, self.config)
         chosen, thickness = (
             select_beams(log.laser, self.config),
-            wall_half_thickness(grid, self.config.occupied_threshold),
+            wall_half_thickness(grid, grid.wall_threshold(self.config.occupied_threshold)),
         )
         self.expected = ExpectedRanges(grid, log.laser, chosen, self.config, longest, thickness)
         scans = [scan for scan, _ in zip(log.scans(), range(DRIVE + 1), strict=False)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pipeline.bench.measure import Row, measured, row, seconds
-from pipeline.config import load_config
 from pipeline.logs.messages import Log
 from pipeline.maps.range_table import build_range_table, load_range_table, throwaway_tables
 
@@ -13,7 +12,7 @@ def tables(log: Log, repeats: int) -> list[Row]:
     assert log.grid is not None
     angles = log.laser.angles
     span = round(float(angles.max() - angles.min()) * 180.0 / 3.141592653589793)
-    of_map = (log.grid, load_config().occupied_threshold, log.laser.longest(None), min(span, 359))
+    of_map = (log.grid, log.grid.wall_threshold(None), log.laser.longest(None), min(span, 359))
     (built,) = measured(min(repeats, 3), [lambda: build_range_table(*of_map)])
     with throwaway_tables():
         table = load_range_table(*of_map)

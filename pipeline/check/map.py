@@ -44,13 +44,14 @@ def findings_of_map(log: Log, config: Config) -> Iterator[Finding]:
     if grid is None:
         yield Finding("noted", "map", "There is no map.", "Give one with --map, and it is looked at as well.")
         return
-    occupied, free = grid.occupied(config.occupied_threshold), grid.free(config.free_threshold)
+    wall = grid.wall_threshold(config.occupied_threshold)
+    occupied, free = grid.occupied(wall), grid.free(config.free_threshold)
     n_occupied, n_free = int(occupied.sum()), int(free.sum())
     area = n_free * grid.resolution**2
     if not n_occupied:
         yield Finding(
             "broken", "map",
-            f"No cell of the map is occupied by {100 * config.occupied_threshold:.0f} % or more: it has no walls.",
+            f"No cell of the map is occupied by {100 * wall:.0f} % or more: it has no walls.",
             "Is it the right file? If its walls are grey, lower occupied_threshold.",
         )  # fmt: skip
     if not n_free:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from string import ascii_uppercase
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,55 +16,82 @@ from pipeline.cli.reading import Reading, open_log, reads_logs
 from pipeline.errors import MclError
 
 if TYPE_CHECKING:
-    pass
+    from pipeline.compare import Comparison
 
 LISTED = 12
 """Stretches that are listed."""
 
 
 def compare(
-    a: Annotated[Path, typer.Argument(metavar="RUN_A", help="The folder of a run, or its run.rrd.")],
-    b: Annotated[Path, typer.Argument(metavar="RUN_B", help="Another one.")],
+    compared: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN RUN_OR_TUM...",
+            help="Folders of runs, or their run.rrd, two to six; the first is what the others are compared with. After "
+            "it also the ways of other filters, AMCL's for instance, as TUM files.",
+        ),
+    ],
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", metavar="BOTH.rrd", help="Write a recording that shows both, on one time line."),
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="PAGE.html",
+            help="Write a page that shows all of them side by side, on one clock; or, by the name of a recording, "
+            "ALL.rrd, what rerun's viewer shows of them.",
+        ),
     ] = None,
     as_json: JsonOption = False,
     force: ForceOption = False,
 ) -> None:
-    """Tell how two runs differ and where they part."""
-    from pipeline.compare import compare as compare_runs
-    from pipeline.compare import record
-    from pipeline.export.run import read_run
+    """Tell how runs differ and where they part."""
+    from pipeline.compare import compare as compare_with
+    from pipeline.compare import config_rows, figure_rows, read_compared, record
+    from pipeline.export.run import Run
+    from pipeline.share import pages
 
-    runs = (read_run(a), read_run(b))
-    note_damage(runs)
-    found = compare_runs(*runs)
+    if len(compared) < 2:
+        raise typer.BadParameter("give two of them or more: mcl inspect tells of one")
+    page = output is not None and output.suffix.lower() in pages.SUFFIXES
+    if output is not None and page:
+        pages.check(output, force)
+    found = read_compared(compared)
+    first = found[0]
+    assert isinstance(first, Run)
+    note_damage([one for one in found if isinstance(one, Run)])
+    pairs = [compare_with(first, other) for other in found[1:]]
     if output is not None:
-        record(runs, output, force=force)
+        (pages.share_comparison if page else record)(found, output, force=force)
     if as_json:
-        console.emit_json(found.to_dict())
+        console.emit_json(pairs[0].to_dict() if len(pairs) == 1 else [pair.to_dict() for pair in pairs])
     else:
-        console.result(columns("figures", found.figure_rows(), ("", "A", "B")))
-        if found.config:
-            console.result(columns("parameters that differ", found.config_rows(), ("", "A", "B")))
+        letters = ascii_uppercase[: len(found)]
+        console.result(columns("figures", figure_rows(found), ("", *letters)))
+        if parameters := config_rows(found):
+            console.result(columns("parameters that differ", parameters, ("", *letters)))
         else:
             console.result("parameters\n  all alike")
-        if not found.common:
-            console.result("estimates\n  no scan has the same stamp in both")
-        elif not found.apart:
-            console.result(f"estimates\n  never apart; at most {found.distances.max():.3f} m in {found.common:,} scans")
-        else:
-            more = f"; of {len(found.apart)} stretches the first {LISTED}" if len(found.apart) > LISTED else ""
-            title = f"estimates are apart, by more than 0.5 m or 10 deg ({found.common:,} common scans{more})"
-            console.result(columns(title, found.apart_rows()[:LISTED]))
-        if not found.same_log:
+        for letter, pair in zip(letters[1:], pairs, strict=True):
+            console.result(_apart(pair, "estimates" if len(pairs) == 1 else f"estimates of {letter} and A"))
+    if not as_json:
+        if not all(pair.same_log for pair in pairs):
             console.note("note: the runs are of different logs")
-        if not found.same_map:
+        if not all(pair.same_map for pair in pairs):
             console.note("note: the runs are on different maps")
     if output is not None:
-        console.note(look_at(output))
+        console.note(f"{output.name}: {output.stat().st_size / 1e6:.1f} MB" if page else look_at(output))
         (console.note if as_json else console.result)(str(output))
+
+
+def _apart(pair: Comparison, who: str) -> str:
+    """When two were apart, as it is printed."""
+    if not pair.common:
+        return f"{who}\n  no scan has the same stamp in both"
+    if not pair.apart:
+        return f"{who}\n  never apart; at most {pair.distances.max():.3f} m in {pair.common:,} scans"
+    more = f"; of {len(pair.apart)} stretches the first {LISTED}" if len(pair.apart) > LISTED else ""
+    title = f"{who} are apart, by more than 0.5 m or 10 deg ({pair.common:,} common scans{more})"
+    return columns(title, pair.apart_rows()[:LISTED])
 
 
 @reads_logs

@@ -49,7 +49,7 @@ class Scene:
     @cached_property
     def walls(self) -> Mask:
         """Cells that stop a beam."""
-        return self.grid.occupied(self.config.occupied_threshold)
+        return self.grid.occupied(self.grid.wall_threshold(self.config.occupied_threshold))
 
     @cached_property
     def seen(self) -> Mask:
@@ -85,7 +85,10 @@ class Scene:
     @cached_property
     def half(self) -> float:
         """Half of what the map makes a wall thick, m; at least three quarters of a cell, which leaves no gaps."""
-        return max(wall_half_thickness(self.grid, self.config.occupied_threshold), 0.75 * self.grid.resolution)
+        return max(
+            wall_half_thickness(self.grid, self.grid.wall_threshold(self.config.occupied_threshold)),
+            0.75 * self.grid.resolution,
+        )
 
     @cached_property
     def floor(self) -> np.float32:
@@ -105,7 +108,7 @@ class Scene:
 
     def occupied(self, sketch: Sketch) -> Mask:
         """Cells of the sketch that stop a beam."""
-        return sketch.occupancy >= np.float32(self.config.occupied_threshold)
+        return sketch.occupancy >= np.float32(self.grid.wall_threshold(self.config.occupied_threshold))
 
     def cells(self, middle: Array, direction: Array, half_length: float, half_width: float) -> Cells:
         """Rows and columns of the cells in a rectangle: ``middle`` in cells (row, column), the rest in metres."""

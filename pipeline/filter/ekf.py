@@ -49,8 +49,8 @@ class Ekf:
         self._grid, self._laser, self._max_range = grid, laser, max_range
         self._beams = np.arange(0, laser.beams, -(-laser.beams // MOST_BEAMS))
         self._angles = laser.angles[self._beams]
-        self._opaque = opaque_cells(grid, config.occupied_threshold)
-        half = min(wall_half_thickness(grid, config.occupied_threshold), LARGEST)
+        self._opaque = opaque_cells(grid, grid.wall_threshold(config.occupied_threshold))
+        half = min(wall_half_thickness(grid, grid.wall_threshold(config.occupied_threshold)), LARGEST)
         self._bias = half if config.range_bias is None else config.range_bias
         self._no_return = config.no_return_fraction * max_range
         self._mean = np.array(config.initial_pose, np.float64)

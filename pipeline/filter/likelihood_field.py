@@ -56,7 +56,9 @@ class LikelihoodField:
         self._at = np.array([[x], [y]])
         self._directions = np.stack([np.cos(angles + yaw), np.sin(angles + yaw)])
         self._inv_resolution = np.float32(1.0 / grid.resolution)
-        distances = build_distance_field(grid, config.occupied_threshold, config.laser_likelihood_max_dist)
+        distances = build_distance_field(
+            grid, grid.wall_threshold(config.occupied_threshold), config.laser_likelihood_max_dist
+        )
         self._codes = distances.codes
         self._near = int(np.searchsorted(distances.distances, config.beam_skip_distance))
         p = field_likelihood(distances.distances, config, max_range)

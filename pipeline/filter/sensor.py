@@ -86,7 +86,7 @@ class Sensor:
         self._grid, self._laser, self._config = grid, laser, config
         self._beams = select_beams(laser, config)
         max_range = config.laser_max_range or laser.range_max
-        half_thickness = wall_half_thickness(grid, config.occupied_threshold)
+        half_thickness = wall_half_thickness(grid, grid.wall_threshold(config.occupied_threshold))
         self._expected = ExpectedRanges(grid, laser, self._beams, config, max_range, half_thickness)
         density = beam_density(config, max_range, grid, laser)
         self._model = BeamModel(config, self._expected.codes, max_range, density)
@@ -102,7 +102,7 @@ class Sensor:
         self.world: World | None = None
         if self._other is None and self._expected.table is not None and "off_map" not in config.without:
             width = self._expected.rows.shape[1]
-            self.world = World(grid, config.occupied_threshold, self._expected.codes, width)
+            self.world = World(grid, grid.wall_threshold(config.occupied_threshold), self._expected.codes, width)
             self._unknown = Unknown(self.world, self._expected, self._agnostic)
 
     def _instead(self, max_range: float) -> ScanModel | None:

@@ -19,6 +19,11 @@ LARGE = 16_000_000
 """Cells above which only the part of a map is kept that says anything."""
 MOST_CELLS, BYTES_EACH = 100_000_000, 71
 """Cells that a map may have, and what each takes in memory until the first scan is in."""
+CERTAIN, LIKELY = 0.97, 0.65
+"""Probabilities from which on a cell is a wall: of maps with saturated walls, and of grey ones (nav2's default)."""
+ENOUGH = 0.25
+"""Share of the cells on the walls' surface that must be CERTAIN, or the walls are grey. It is 0.46 in Wean Hall, 0.77
+in the embedded office, 1 in every map of two colours, and at most 0.07 in maps made with a smear of a cell."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,23 @@ class OccupancyGrid:
     def occupied(self, threshold: float) -> NDArray[np.bool_]:
         """Cells known to be occupied with at least this probability."""
         return self.occupancy >= np.float32(threshold)
+
+    def wall_threshold(self, asked: float | None) -> float:
+        """The probability from which on a cell stops rays: the one ``asked`` for, else what suits this map.
+
+        Walls that are smeared are thinnest, and nearest to where the laser sees them, at CERTAIN. But a map may draw
+        all of its walls in grey: then few of their cells are so certain, and rays would pass between them.
+        """
+        return self._own_threshold if asked is None else asked
+
+    @cached_property
+    def _own_threshold(self) -> float:
+        likely = self.occupied(LIKELY)
+        floor = np.pad(self.known & ~likely, 1)
+        beside_floor = floor[:-2, 1:-1] | floor[2:, 1:-1] | floor[1:-1, :-2] | floor[1:-1, 2:]
+        surface = self.occupancy[likely & beside_floor]
+        certain = np.mean(surface >= np.float32(CERTAIN)) if len(surface) else 1.0
+        return CERTAIN if certain >= ENOUGH else LIKELY
 
     def free(self, threshold: float) -> NDArray[np.bool_]:
         """Cells known to be occupied with less than this probability."""

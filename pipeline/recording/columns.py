@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from pipeline.filter.step import Estimate, Step
 from pipeline.judgement.verdict import KINDS
 from pipeline.recording import entities, palette
+from pipeline.recording.captions import letter
 
 Columns = tuple[str, list[Any], list[Any]]  # entity, timelines, components: the arguments of send_columns
 IsHit = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]
@@ -173,11 +174,12 @@ def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     clusters = [s.clusters if len(s.clusters) > 1 else () for s in steps]
     labels = [_label(c) for row in clusters for c in row]
     lengths = [len(row) for row in clusters]
+    named = [" ".join(filter(None, (letter(row, k), _label(c)))) for row in clusters for k, c in enumerate(row)]
     places = np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2) + LABEL_OFFSET
     return [
         (entities.HYPOTHESES, [*ellipses(clusters), *rr.Ellipsoids3D.columns(labels=labels).partition(lengths)]),
         # A label has the colour of what it belongs to; pink on grey cannot be read, so points carry them.
-        (entities.SHARES, list(rr.Points3D.columns(positions=lift(places, 0.12), labels=labels).partition(lengths))),
+        (entities.SHARES, list(rr.Points3D.columns(positions=lift(places, 0.12), labels=named).partition(lengths))),
     ]
 
 

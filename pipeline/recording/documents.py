@@ -7,6 +7,7 @@ from typing import Any
 
 from pipeline.config import Config, dump_config
 from pipeline.logs.messages import Log
+from pipeline.recording.sensor_parts import WORDS, SensorParts
 
 _EXPLANATION = """\
 # What you see
@@ -32,10 +33,21 @@ that is gone, floor of which the map knows nothing; shown once the scans that sa
 | light blue line | the path as known at the end of the log |
 | green ring, arrow and line | the truth, where the log knows it |
 
-Beside the map, from the top: how the weights are distributed (grey: percent of the particles; magenta: percent of the
-weight; 0 is the mean weight, 1 ten times that, the ends of the axis take what lies beyond); the effective sample size
-and the number of particles; how well the beams fit; how far the particles spread about the estimate. Below the map:
-whether the estimate can be trusted, and what happened. Click an event or a curve to go there.
+The tab *The whole run*: above, what is the matter at this second, in words. Below that the whole map, and beside it
+the same close up, where the estimate stays in the middle and north is up. Dots of vermilion at the ends of beams mark
+those that the map explains least. Places in question have letters, A the heaviest, and their shares of the belief.
+Where the believed robot is not where the true one is, both have their names. A bar says how long a metre is. Below:
+whether the estimate can be trusted, and what happened until then; the tab *All events* has the rest.
+
+The curves beside, from the top: the error against the truth, and 2 sigma, in metres (without
+the truth, 2 sigma alone); the share of the beams that fit, and the probability that the estimate is right; the shares
+of the beams that are stopped short and that pass through walls; how far the particles spread about the estimate. Once a
+run is over its axes have room for nine tenths of the values: what is higher, like a search at the start, is cut off.
+
+The tab *One scan* has the robot close up, and how the weights are distributed (grey: percent of the particles; magenta:
+percent of the weight; 0 is the mean weight, 1 ten times that, the ends of the axis take what lies beyond); how many
+particles there are and how many say as much (the effective number); the likelihood; and the sensor model in its parts
+beside what this log measured.
 
 The line below the map says what can be trusted. *Found*: the estimate is right with a probability of 90 % or more.
 *Ambiguous*: a few places are in question, whose shares stand beside them. *Off the map*: the robot drives where the map
@@ -153,21 +165,27 @@ def result(figures: Mapping[str, Any]) -> str:
     return f"# Result\n\n{_table('figure', {k: _shown(v) for k, v in figures.items()})}\n"
 
 
-def density(true_range: float, config: Config) -> str:
-    """What the plot of the sensor model shows."""
+def sensor_model(parts: SensorParts, config: Config) -> str:
+    """What the chart of the sensor model shows, and how far the log is from it."""
     weighed = ""
     if config.sensor_model != "beam":
         weighed = (
             f" **The particles of this run were weighed by {config.sensor_model} instead**: the beam model "
             "only proposed where they start, and where the robot might be when it seemed lost."
         )
-    weights = {name: f"{getattr(config, name):g}" for name in ("z_hit", "z_short", "z_long", "z_max", "z_rand")}
+    shares = parts.shares()
+    measured = ["-"] * len(WORDS) if shares.measured is None else [f"{share:.1f} %" for share in shares.measured]
+    measured[WORDS.index("random")] = "among short and too long"
+    rows = [
+        f"| {word} | {model:.1f} % | {seen} |" for word, model, seen in zip(WORDS, shares.model, measured, strict=True)
+    ]
     return (
-        f"Probability density of a reading *z* where the map's range is *z\\** = {true_range:g} m: "
-        f"a hit (z_hit {weights['z_hit']}, sigma {config.sigma_hit:g} m), something in the way "
-        f"(z_short {weights['z_short']}), an open door (z_long {weights['z_long']}), "
-        f"no return (z_max {weights['z_max']}), anything else (z_rand "
-        f"{weights['z_rand']}).{weighed}"
+        f"Per cent of the readings *z* in {parts.width:g} m, where the map's range is *z\\** = {parts.wall:g} m. In "
+        "each bin on the left the model, its parts on top of each other: hit (blue), short (vermilion), too long "
+        "(black), random (orange), and at the far right without return (grey). On the right in magenta what "
+        f"{parts.seen:,} beams of this log measured there. The beams that the map "
+        f"explains least are marked with dots on the map.{weighed}\n\n| part | model | this log |\n|---|---|---|\n"
+        + "\n".join(rows)
     )
 
 

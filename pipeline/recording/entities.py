@@ -29,9 +29,12 @@ SHORTS = "/world/laser/shorts"
 LONGS = "/world/laser/longs"
 EXPECTED = "/world/laser/expected"
 NO_RETURN = "/world/laser/no_return"
+WORST = "/world/laser/worst"  # ends of the beams that the map explains least
 ESTIMATE = "/world/estimate"
 ESTIMATE_BODY = "/world/estimate/body"
 ESTIMATE_HEADING = "/world/estimate/heading"
+HERE = "/world/here"  # where the estimate is, but never turned: what follows the robot hangs below it
+ESTIMATE_NAME = "/world/here/name"  # while the truth is elsewhere
 COVARIANCE = "/world/covariance"
 HYPOTHESES = "/world/hypotheses"
 SHARES = "/world/hypotheses/share"
@@ -40,7 +43,10 @@ HINDSIGHT = "/world/hindsight"
 TRUTH = "/world/truth"
 TRUTH_BODY = "/world/truth/body"
 TRUTH_HEADING = "/world/truth/heading"
+TRUTH_NAME = "/world/truth/name"
 TRUTH_PATH = "/world/truth_path"
+SCALE_BAR = "/world/scale_bar"
+CLOSE_BAR = "/world/here/scale_bar"
 CAMERA = "/world/camera"  # looks straight down; the flat view is its picture
 
 # The parts of a filter's turn, one by one; only where somebody asked for them.
@@ -72,7 +78,8 @@ WON = "/states/motion"  # which component of the motion prior most of the belief
 # The viewer writes these two names into the legend.
 WEIGHTS = "/weights/percent_of_particles"
 WEIGHT_SHARE = "/weights/percent_of_weight"
-DENSITY = "/sensor_model/density"
+PARTS = "/sensor_model/parts"  # its parts on top of each other, and what was measured
+MEASURED = "/sensor_model/parts/measured"
 DENSITY_NOTE = "/sensor_model/note"
 
 ESS = "/curves/ess"
@@ -83,9 +90,13 @@ SPREAD = "/curves/spread"
 SHORT = "/curves/short"
 THROUGH = "/curves/through"
 PROBABILITY = "/curves/probability"
+ERROR = "/curves/error"  # only where the truth is known
+TWO_SIGMA = "/curves/two_sigma"
 VERDICT = "/states/verdict"
 EVENTS = "/events"
 
+CAPTION = "/about/caption"  # what is the matter at a scan
+EVENTS_TABLE = "/about/events"  # what happened until then
 EXPLANATION = "/about/explanation"
 RUN = "/about/run"
 RESULT = "/about/result"

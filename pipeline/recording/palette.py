@@ -13,6 +13,7 @@ Colour = tuple[int, int, int]
 HIT: Colour = (0, 114, 178)
 SHORT: Colour = (213, 94, 0)
 LONG: Colour = (30, 30, 30)
+THROUGH: Colour = (150, 110, 220)  # the same as a curve, which black would not be on a dark theme
 EXPECTED: Colour = (245, 205, 0)  # lies on walls, which are dark
 CURVE: Colour = (230, 120, 0)
 NO_RETURN: Colour = (150, 150, 150)
@@ -24,7 +25,7 @@ WHEELS: Colour = (185, 105, 0)  # what either says of the way; far apart for eve
 LASER: Colour = (20, 90, 230)
 WALLS: Colour = (70, 70, 70)
 NEUTRAL: Colour = (130, 130, 130)
-LETTERING: Colour = (20, 20, 20)
+LETTERING: Colour = (0, 0, 0)  # on the grey that either theme of the viewer puts behind it
 FLOOR: Colour = (250, 250, 250)  # behind what has no map
 UNKNOWN: Colour = (205, 205, 205)  # as map_server draws it; the background too
 

@@ -18,7 +18,7 @@ from pipeline.geometry import compose
 from pipeline.logs.messages import Log
 from pipeline.motion.faults import without_leaps
 from pipeline.recording import documents, entities, palette
-from pipeline.recording.blueprint import ASPECT, Area, framed, known_area, looking_down, map_views, so_far
+from pipeline.recording.blueprint import ASPECT, Area, framed, known_area, looking_down, map_view, so_far
 from pipeline.recording.columns import lift, segments, timelines, transforms
 from pipeline.recording.streams import opened, sending
 from pipeline.recording.styles import drawn_map, robot
@@ -128,6 +128,6 @@ def _layout(log: Log) -> rrb.Blueprint:
         )
     ]
     if log.grid is not None:
-        views.insert(0, map_views(known_area(log.grid), name="Map", aspect=aspect)[0])
+        views.insert(0, map_view(known_area(log.grid), aspect=aspect))
     explanation = rrb.TextDocumentView(origin=entities.EXPLANATION, name="What you see")
     return framed(rrb.Vertical(rrb.Horizontal(*views), explanation, row_shares=[3, 1]))

@@ -6,12 +6,14 @@ import dataclasses
 import json
 import tempfile
 import time
+from collections import defaultdict
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from pipeline.config import Config
@@ -38,20 +40,24 @@ from pipeline.recording.columns import (
     verdicts,
 )
 from pipeline.recording.gaps import longest_interval
+from pipeline.recording.layout import SentLayout
 from pipeline.recording.sampling import draw, weight_bars
-from pipeline.recording.styles import drawn_map, styles
+from pipeline.recording.scales import Scales
+from pipeline.recording.sensor_parts import SensorParts, logged
+from pipeline.recording.styles import drawn_map, scale_bars, styles
 from pipeline.recording.substeps import substep_columns, substep_styles, substep_tab
+from pipeline.recording.told_columns import Teller, Told, are_apart, told_columns, told_styles, worst_beams
 from pipeline.recording.truth import JUMP, truth_at_scans
 from pipeline.recording.versions import versions
 from pipeline.recording.witness_columns import Row, witness_columns, witness_styles
 from pipeline.recording.witness_views import ground, motion_tab
 from pipeline.recording.witnesses import Hearing
 
-Density = tuple[NDArray[np.float64], NDArray[np.float64], float]
-
-BATCH = 64  # scans per write: fewer cost time and bytes, more lose more when the process is killed
+BATCH = 96  # scans per write: fewer cost time and bytes, more lose more when the process is killed
 ROOM = 1_000_000
 """Bytes that must be free: rerun waits for ever where not even the layout of its views can be written."""
+ABOVE = 0.03  # of the map's size, above the estimate: where its name stands
+NEVER = 1e6  # seconds
 HEAT_SHOWN = 1.0  # seconds that a search stays on the map
 
 
@@ -59,7 +65,6 @@ class RerunSink:
     """A recording that grows with the run and is complete once closed.
 
     ``path``: the .rrd, which must not exist; its folder must. ``log``: what was localised, with its map;
-    ``density``: the sensor model at one true range, (z (k,) m ascending, p(z | z*) (k,) per metre, z* m);
     ``viewer``: the address of one that shows the run while it goes on; if that goes away, the file is still written.
     ``substeps``: sub-steps will be logged as well, and are shown first.
     Whatever was written in whole batches can be read even if the process is killed.
@@ -73,7 +78,6 @@ class RerunSink:
         log: Log,
         config: Config,
         seed: int,
-        density: Density | None = None,
         viewer: str | None = None,
         substeps: bool = False,
     ) -> None:
@@ -102,34 +106,35 @@ class RerunSink:
         self._contradicted = False
         self._longest_interval = longest_interval(log.times)
         self._truth = truth_at_scans(log)
+        self._teller, self._told, self._apart = Teller(self._truth), list[Told](), False
+        self._above = ABOVE * max(known_area(log.grid).size)
+        self._curves: dict[str, list[float]] = defaultdict(list)
         longest = log.laser.longest(config.laser_max_range)
         assert log.grid is not None, "a log without a map"
-        self._is_hit: IsHit = beam_density(config, longest, log.grid, log.laser).is_hit
+        model = beam_density(config, longest, log.grid, log.laser)
+        self._is_hit: IsHit = model.is_hit
+        self._sensor = SensorParts(config, model, longest)
         self._closed = False
         self._viewed = viewer is not None
         rr.set_strict_mode(True)  # otherwise rerun warns and drops the data
+        # Written when told and never by the clock: what came between two of its ticks would change the order.
         self._stream = rr.RecordingStream(
-            entities.APPLICATION_ID, recording_id=entities.recording_id(log, config, seed)
+            entities.APPLICATION_ID,
+            recording_id=entities.recording_id(log, config, seed),
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=NEVER),
         )
         self._stream.set_log_time_enabled(False)
         self._started = np.datetime64(time.time_ns(), "ns")
         self._substeps = 0 if substeps else None
-        layout = blueprint(
-            log.grid,
-            motion=motion_tab(ground(log), wheels=self._wheels) if self._laser else None,
-            substeps=substep_tab(known_area(log.grid)) if substeps else None,
-        )
         try:
-            if viewer is None:
-                self._stream.save(self.path, default_blueprint=layout)
-            else:
-                sinks = (rr.FileSink(self.path), rr.GrpcSink(viewer))
-                self._stream.set_sinks(*sinks, default_blueprint=layout)
+            sinks = [rr.FileSink(self.path), *([] if viewer is None else [rr.GrpcSink(viewer)])]
+            self._stream.set_sinks(*sinks)
+            self._layout = SentLayout(self._views(Scales()), self._stream, entities.APPLICATION_ID)
         except Exception as error:
             raise MclError(f"cannot write the recording: {error}", path=self.path) from error
         self._log_map(log.grid)
         self._log_styles()
-        self._log_documents(density)
+        self._log_documents()
         self._log_truth()
         try:
             self._wait()  # what a killed run leaves shall say which run it was
@@ -150,6 +155,7 @@ class RerunSink:
         pose = np.array(step.estimate.pose, dtype=np.float64)
         joined = self._joins(step)
         before = None if self._previous is None else self._previous[0].time
+        silent = before is not None and step.time - before > self._longest_interval
         frame = Frame(
             step=dataclasses.replace(step, particles=_NO_PARTICLES, log_weights=_NO_WEIGHTS),
             particles=step.particles[drawn],
@@ -159,8 +165,16 @@ class RerunSink:
             weight_bars=share,
             previous=pose if self._previous is None else self._previous[1],
             joined=joined,
-            silent_since=before if before is not None and step.time - before > self._longest_interval else None,
+            silent_since=before if silent else None,
         )
+        told = self._teller.tell(frame.step, step.time - before if before is not None and silent else None)
+        self._told.append(told)
+        for entity, value in (
+            (entities.SPREAD, step.spread), (entities.LIKELIHOOD, step.mean_likelihood),
+            (entities.PARTICLE_COUNT, frame.count), (entities.TWO_SIGMA, told.two_sigma),
+            (entities.ERROR, np.nan if told.missed is None else told.missed.distance),
+        ):  # fmt: skip
+            self._curves[entity].append(value)
         if (heard := self._hearing.hear(step, joined)) is not None:
             self._heard.append((frame.step, heard))
         self._previous = (step, pose)
@@ -194,6 +208,10 @@ class RerunSink:
         columns = rr.DynamicArchetype.columns(entities.TIMING_TYPE, components={"name": ["", *timings]})
         clock = rr.TimeColumn(entities.LOG_TIME, timestamp=self._started + took)
         self._stream.send_columns(entities.TIMINGS, [clock], columns)
+        self._log_sensor_model()
+        # Only now it is known how high the curves reach.
+        scales = Scales.of({entity: np.array(values) for entity, values in self._curves.items()})
+        self._layout.rescale(self._views(scales))
 
     def close(self) -> None:
         """Writes what is left and the file's footer; closing twice does nothing more."""
@@ -207,6 +225,17 @@ class RerunSink:
                 self._wait()
             finally:
                 self._stream.disconnect()
+
+    def _views(self, scales: Scales) -> rrb.Blueprint:
+        log = self._log
+        assert log.grid is not None
+        return blueprint(
+            log.grid,
+            scales=scales,
+            truth=self._truth is not None,
+            motion=motion_tab(ground(log), wheels=self._wheels) if self._laser else None,
+            substeps=None if self._substeps is None else substep_tab(known_area(log.grid)),
+        )
 
     def _wait(self) -> None:
         """Until all is written; a viewer that somebody closed meanwhile is no reason to lose the run."""
@@ -222,7 +251,10 @@ class RerunSink:
         if self._frames:
             self._outbox += batch_columns(self._frames, self._is_hit)
             steps = [frame.step for frame in self._frames]
-            self._outbox += [*verdicts(steps, self._verdict), *changes(steps)]
+            self._outbox += [*verdicts(steps, self._verdict), *changes(steps), worst_beams(steps, self._is_hit)]
+            self._outbox += told_columns(self._told, self._apart, self._above)
+            self._apart, self._told = are_apart(self._told[-1]), []
+            self._sensor.hear(steps)
             self._verdict = steps[-1].verdict.kind
             if self._heard:
                 silent = [f.silent_since for f in self._frames if f.silent_since is not None]
@@ -283,6 +315,8 @@ class RerunSink:
         self._static(entities.MAP, drawn_map(grid))
         self._static(entities.CHANGED, rr.Points3D.from_fields(radii=np.float32(0.5 * grid.resolution)))
         area = known_area(grid)
+        for entity, bar in scale_bars(area.centre, area.size).items():
+            self._static(entity, bar)
         self._static(
             entities.CAMERA,
             rr.Transform3D(translation=[*area.centre, area.height], mat3x3=np.diag([1.0, -1.0, -1.0])),
@@ -297,10 +331,11 @@ class RerunSink:
     def _log_styles(self) -> None:
         witnesses = witness_styles(self._wheels) if self._laser else {}
         parts = {} if self._substeps is None else substep_styles()
-        for entity, archetypes in (styles() | witnesses | parts).items():
+        told = told_styles(self._truth is not None)
+        for entity, archetypes in (styles() | told | witnesses | parts).items():
             self._static(entity, *archetypes)
 
-    def _log_documents(self, density: Density | None) -> None:
+    def _log_documents(self) -> None:
         log, config = self._log, self._config
         assert log.grid is not None
         found = versions()
@@ -318,11 +353,15 @@ class RerunSink:
         )
         self._document(entities.EXPLANATION, documents.explanation(config, wheels=self._wheels, laser=self._laser))
         self._document(entities.RUN, documents.run(log, config, self._seed, found))
-        if density is not None:
-            z, p, true_range = (np.asarray(part, dtype=np.float32) for part in density)
-            chart = rr.BarChart(p, abscissa=z, widths=np.gradient(z).astype(np.float32), color=palette.HIT)
-            self._static(entities.DENSITY, chart)
-            self._document(entities.DENSITY_NOTE, documents.density(float(true_range), config))
+        for entity, chart in logged(self._sensor):
+            self._static(entity, chart)
+        self._log_sensor_model()
+
+    def _log_sensor_model(self) -> None:
+        """What was measured beside the model; before the run, the model alone."""
+        if self._sensor.seen:
+            self._static(entities.MEASURED, self._sensor.measured())
+        self._document(entities.DENSITY_NOTE, documents.sensor_model(self._sensor, self._config))
 
     def _log_truth(self) -> None:
         if self._truth is None:

@@ -71,6 +71,8 @@ class Scenes:
     ``labels``: the texts at a scan's hypotheses; ``joined`` (n,): the path goes on from the scan before;
     ``truth`` (n, 3), NaN where unknown; ``hindsight``: rows (k, 2), a piece of the path each;
     ``heat`` rows (m, 3): what a search of the building found, x, y and a level, in the scans that show it;
+    ``changed`` rows (m, 3): cells where the world is not as mapped, x, y and index into palette.CHANGED_COLOURS; a row
+    for each time that more was known of them, true from the scan of row ``changed_at`` (u,) on until the next;
     ``curves``: (n,) by the names of CURVES, NaN where there is none.
     """
 
@@ -94,6 +96,8 @@ class Scenes:
     truth: NDArray[np.float64]
     hindsight: Ragged
     heat: Ragged
+    changed: Ragged
+    changed_at: NDArray[np.int64]
     curves: Mapping[str, NDArray[np.float64]]
 
     def __len__(self) -> int:
@@ -156,6 +160,7 @@ def read_scenes(file: RrdFile) -> Scenes:
 
     particles, levels = (found.at(rows(entities.PARTICLES)[1]) for found in _particles(tables))
     labels, at = rows(entities.HYPOTHESES)
+    changed, changed_at = _changed(tables.temporal(entities.CHANGED), scans)
     told = [] if labels is None else labels["Ellipsoids3D:labels"].to_pylist()
     return Scenes(
         grid=grid,
@@ -178,6 +183,8 @@ def read_scenes(file: RrdFile) -> Scenes:
         truth=poses(entities.TRUTH),
         hindsight=_hindsight(tables.static(entities.HINDSIGHT)),
         heat=_heat(tables.temporal(entities.HEAT), scans),
+        changed=changed,
+        changed_at=changed_at,
         curves={name: single(entity, "Scalars:scalars") for name, entity in CURVES.items()},
     )
 
@@ -285,3 +292,14 @@ def _heat(table: pa.Table | None, scans: NDArray[np.int64]) -> Ragged:
     places, colours = _ragged(table["Points3D:positions"], 3), _ragged(table["Points3D:colors"])
     three = Ragged(np.column_stack([places.values[:, :2], _levels(colours.values)]), places.offsets)
     return three.at(np.searchsorted(table[entities.SCAN].to_numpy(), scans, side="right") - 1)
+
+
+def _changed(table: pa.Table | None, scans: NDArray[np.int64]) -> tuple[Ragged, NDArray[np.int64]]:
+    if table is None:
+        return Ragged(np.empty((0, 3)), np.zeros(1, np.int64)), np.empty(0, np.int64)
+    places, colours = _ragged(table["Points3D:positions"], 3), _ragged(table["Points3D:colors"])
+    known = palette.CHANGED_COLOURS.astype(np.int64) @ np.array([1 << 16, 1 << 8, 1])
+    order = np.argsort(known)
+    kinds = order[np.searchsorted(known[order], colours.values.astype(np.int64) >> 8)]
+    three = Ragged(np.column_stack([places.values[:, :2], kinds]), places.offsets)
+    return three, np.searchsorted(scans, table[entities.SCAN].to_numpy())

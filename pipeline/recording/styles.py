@@ -12,6 +12,8 @@ from pipeline.maps.occupancy_grid import OccupancyGrid
 from pipeline.recording import entities, palette
 
 # Widths in screen points stay visible when a whole building fills the window.
+CLOSE_REACH = 4.2
+"""m from the robot, to the left and below, at which its bar of 1 m begins."""
 _thin, _line, _thick, _dot = (rr.Radius.ui_points(size) for size in (0.5, 1.0, 1.5, 2.0))
 
 
@@ -39,14 +41,14 @@ def styles() -> dict[str, list[Any]]:
         entities.ESS: [_curve("effective sample size", palette.CURVE)],
         entities.PARTICLE_COUNT: [_curve("particles", palette.NEUTRAL)],
         entities.LIKELIHOOD: [_curve("likelihood per beam, 1/m", palette.HIT)],
-        entities.EXPLAINED: [_curve("share of beams explained", palette.CURVE)],
+        entities.EXPLAINED: [_curve("beams that fit", palette.CURVE)],
         entities.SPREAD: [_curve("spread, m", palette.ESTIMATE)],
         entities.VERDICT: [
             rr.StateConfiguration(values=list(palette.VERDICTS), colors=[(*c, 255) for c in palette.VERDICTS.values()])
         ],
-        entities.PROBABILITY: [_curve("probability that the estimate is right", palette.ESTIMATE)],
-        entities.SHORT: [_curve("share of beams that end before what is mapped", palette.SHORT)],
-        entities.THROUGH: [_curve("share that ends far behind it, side by side", palette.LONG)],
+        entities.PROBABILITY: [_curve("estimate is right", palette.ESTIMATE)],
+        entities.SHORT: [_curve("stop short", palette.SHORT)],
+        entities.THROUGH: [_curve("pass through", palette.THROUGH)],
     }
 
 
@@ -63,6 +65,24 @@ def drawn_map(grid: OccupancyGrid) -> rr.GridMap:
         quaternion=rr.Quaternion(xyzw=yaw_to_quaternion(yaw)),
         colormap=rr.components.Colormap.Grayscale,
     )
+
+
+def scale_bars(centre: tuple[float, float], size: tuple[float, float]) -> dict[str, Any]:
+    """A bar of a round length in the map's lower left corner, and one of 1 m that stays with the robot."""
+    sixth = max(size) / 6
+    decade = 10.0 ** np.floor(np.log10(sixth))
+    length = float(decade * max(step for step in (1, 2, 5) if step * decade <= sixth))
+    x, y = centre[0] - size[0] / 2 + 0.01 * size[0], centre[1] - size[1] / 2 + 0.07 * size[1]  # its label is below
+    return {
+        entities.SCALE_BAR: _bar(x, y, length, max(size) / 100),
+        entities.CLOSE_BAR: _bar(-CLOSE_REACH, -CLOSE_REACH, 1.0, 0.1),
+    }
+
+
+def _bar(x: float, y: float, length: float, height: float) -> Any:
+    corners = [(x, y + height), (x, y), (x + length, y), (x + length, y + height)]
+    strip = [(*corner, 0.13) for corner in corners]
+    return rr.LineStrips3D([strip], radii=_line, colors=palette.LETTERING, labels=[f"{length:g} m"], show_labels=True)
 
 
 def robot(body: str, heading: str, colour: palette.Colour) -> dict[str, list[Any]]:

@@ -5,24 +5,22 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
-from PIL import Image
-
-from pipeline.compare import FIGURES, figures
+from pipeline.compare import Compared
 from pipeline.errors import MclError
-from pipeline.export.pictures import thumbnail
 from pipeline.export.run import Run, read_run
 from pipeline.outputs import check_folder, check_output, replacing
 from pipeline.share import player
+from pipeline.share.index import index
 
 INDEX = "index.html"
-THUMBNAIL = (480, 300)
+SUFFIXES = (".html", ".htm")
+"""How the name of a page ends."""
 _GZIP_LEVEL = 6  # of the viewer's 43 MB: level 9 takes twice as long for a hundredth less
 
 
@@ -53,9 +51,18 @@ def share(path: Path, output: Path, *, viewer: Viewer | None = None, force: bool
     return run
 
 
+def share_comparison(compared: Sequence[Compared], output: Path, *, force: bool = False) -> None:
+    """Write one page with runs, and tracks of other filters, side by side on one clock; the first of them is a run.
+
+    Raises MclError if ``output`` exists already and ``force`` does not say to replace it.
+    """
+    check(output, force)
+    _write(output, player.page(compared))
+
+
 def check(output: Path, force: bool) -> None:
     """Raises MclError for what would be known only after a while."""
-    if output.suffix.lower() not in (".html", ".htm"):
+    if output.suffix.lower() not in SUFFIXES:
         raise MclError("a page's name ends in .html", path=output)
     check_output(output, force)
 
@@ -74,13 +81,13 @@ def share_folder(
     folder.mkdir(parents=True, exist_ok=True)
     for run, name in zip(runs, names, strict=True):
         _write(folder / name, _page(run, viewer))
-    _write(folder / INDEX, _index(runs, names))
+    _write(folder / INDEX, index(runs, names))
     return [folder / name for name in (*names, INDEX)]
 
 
 def _page(run: Run, viewer: Viewer | None) -> str:
     if viewer is None:
-        return player.page(run)
+        return player.page([run])
     page = resources.files("pipeline.share").joinpath("rerun.html").read_text(encoding="utf-8")
     parts = {
         "@TITLE@": html.escape(f"{run.name}, seed {run.seed}"),
@@ -90,32 +97,6 @@ def _page(run: Run, viewer: Viewer | None) -> str:
     }
     # All at once: what is put in may itself look like one of the marks.
     return re.sub("|".join(parts), lambda mark: parts[mark[0]], page)
-
-
-def _index(runs: Sequence[Run], names: Sequence[str]) -> str:
-    cards = []
-    for run, name in zip(runs, names, strict=True):
-        found = figures(run)
-        rows = "".join(
-            f"<tr><td>{html.escape(label)}</td><td>{html.escape(show(found))}</td></tr>"
-            for label, show in FIGURES
-            if show(found) not in ("", "-")
-        )
-        picture = (
-            f'<img src="{_picture(run)}" width="{THUMBNAIL[0]}" height="{THUMBNAIL[1]}" alt="the path on the map">'
-        )
-        title = html.escape(f"{run.name}, seed {run.seed}")
-        cards.append(
-            f'<article><a href="{html.escape(name)}">{picture}<h2>{title}</h2></a><table>{rows}</table></article>'
-        )
-    page = resources.files("pipeline.share").joinpath("index.html").read_text(encoding="utf-8")
-    return page.replace("@CARDS@", "\n".join(cards))
-
-
-def _picture(run: Run) -> str:
-    packed = io.BytesIO()
-    Image.fromarray(thumbnail(run, len(run.scenes) - 1, *THUMBNAIL)).save(packed, "WEBP", quality=80)
-    return f"data:image/webp;base64,{base64.b64encode(packed.getvalue()).decode('ascii')}"
 
 
 def _names(runs: Sequence[Run]) -> list[str]:

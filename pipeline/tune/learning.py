@@ -180,12 +180,13 @@ def _find(log: Log, config: Config, seed: int, progress: Progress | None) -> Fou
 def _learn(found: Sequence[Found], config: Config) -> _Learned:
     """The threshold whose model, learned from every other segment, best predicts the rest; then all, from all scans."""
     temper = _temper(found, config)
-    tried: list[tuple[float, Config]] = []
-    for threshold in sorted({*THRESHOLDS, config.occupied_threshold}):
+    tried: list[tuple[float, float, Config]] = []
+    present = {f.log.grid.wall_threshold(config.occupied_threshold) for f in found if f.log.grid is not None}
+    for threshold in sorted({*THRESHOLDS, *present}):
         half = _fitted(found, config.model_copy(update={"occupied_threshold": threshold}))
         rest = [f.evidence(_half(f, held_out=True), half, temper) for f in found]
-        tried.append((float(np.concatenate(rest).mean()), half))
-    half = max(tried, key=lambda pair: pair[0])[1]
+        tried.append((float(np.concatenate(rest).mean()), threshold, half))
+    half = max(tried, key=lambda each: each[0])[2]
     fit = _fit([f.readings(f.every(MOST_SCANS), half) for f in found], half)
     driven = [windows(f.log.odometry, f.trajectory, f.scans, config) for f in found if f.way.wheels]
     drift = fit_drift([drift_windows(f.way, f.trajectory, f.updates, f.scans) for f in found], fit.config)
@@ -193,7 +194,7 @@ def _learn(found: Sequence[Found], config: Config) -> _Learned:
     rivals = [window_likelihoods(f.log, f.way.poses, f.trajectory[f.scans], f.scans, learned) for f in found]
     beams = round(np.mean([len(select_beams(f.log.laser, config)) for f in found]))
     learned = learned.model_copy(update={"independent_beams": independent_beams(rivals, beams)})
-    thresholds = tuple((model.occupied_threshold, value) for value, model in tried)
+    thresholds = tuple((threshold, value) for value, threshold, _ in tried)
     rows = np.concatenate([np.empty((0, 4)), *driven])
     remarks = _remarks(found, driven, drift)
     return _Learned(learned, half, thresholds, fit.history, drift, rows, tuple(rivals), remarks)
@@ -257,6 +258,6 @@ def _initial_bias(found: Sequence[Found], config: Config) -> float:
     biases = []
     for f in found:
         assert f.log.grid is not None
-        half_thickness = wall_half_thickness(f.log.grid, config.occupied_threshold)
+        half_thickness = wall_half_thickness(f.log.grid, f.log.grid.wall_threshold(config.occupied_threshold))
         biases.append(RangeBias(config, half_thickness).value)
     return float(np.mean(biases))

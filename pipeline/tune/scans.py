@@ -65,7 +65,7 @@ def readings(log: Log, poses: Array, scans: NDArray[np.int64], config: Config) -
     laser = compose(log.grid.to_grid(poses), log.laser.pose)
     in_cells = np.ascontiguousarray(laser / [cell, cell, 1.0])
     expected = np.empty((len(scans), len(beams)), np.float32)
-    opaque = opaque_cells(log.grid, config.occupied_threshold)
+    opaque = opaque_cells(log.grid, log.grid.wall_threshold(config.occupied_threshold))
     longest = range_codes(log.grid, max_range).max_range  # as the filter's own table has it
     raycast.cast(opaque, in_cells, log.laser.angles[beams], longest / cell, False, expected)
     measured = log.without_short(config.laser_min_range).ranges[np.ix_(scans, beams)].astype(float)

@@ -59,14 +59,14 @@ class ExpectedRanges:
         searches = config.init == "exhaustive" or config.recovery == "search"
         self.table: RangeTable | None = None
         if self._casts:
-            self._opaque = opaque_cells(grid, config.occupied_threshold)
+            self._opaque = opaque_cells(grid, grid.wall_threshold(config.occupied_threshold))
         if searches or not self._casts:
             # Beams as steps of the table's headings from the first beam, so that a row is read forwards only.
             steps = np.round(self._angles / BIN).astype(np.int64)
             self.first = int(steps.min())
             self.offsets = ((steps - self.first) % HEADINGS).astype(np.int32)
             span = int(self.offsets.max())
-            self.table = load_range_table(grid, config.occupied_threshold, max_range, span)
+            self.table = load_range_table(grid, grid.wall_threshold(config.occupied_threshold), max_range, span)
             self.rows = self.table.padded(span)
             row_of_cell = self.table.rows_through_walls(half_thickness / grid.resolution)
             x, y, yaw = self._laser_pose

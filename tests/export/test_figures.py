@@ -261,10 +261,10 @@ def test_readings_are_those_of_the_beams_whose_wall_is_so_far(run):
 
 
 def test_the_sensor_model_is_read_back_as_it_was_recorded(recorded_sensor):
-    run, z, density = recorded_sensor
+    run, edges, density = recorded_sensor
     found = recorded_density(run)
-    assert np.allclose(found[0], z, rtol=1e-6)
-    assert np.allclose(found[1], density, rtol=1e-6)
+    assert np.allclose(found[0], edges, rtol=1e-5)
+    assert np.allclose(found[1], density, rtol=0.01)  # both are sums over parts of a bin, of other lengths
 
 
 def test_an_automatic_speed_is_slow_where_something_happens(run):

@@ -81,3 +81,20 @@ def test_identity_does_not_depend_on_the_kind_of_number() -> None:
     plain = OccupancyGrid(CELLS, 0.1, (1.5, -2.0, 0.25))
     assert OccupancyGrid(CELLS, np.float64(0.1), (np.float64(1.5), -2, np.float32(0.25))).sha256 == plain.sha256
     assert OccupancyGrid(CELLS, 0.1, np.array([1.5, -2.0, 0.25])).sha256 == plain.sha256
+
+
+@pytest.mark.parametrize(
+    ("wall", "beside", "threshold"),
+    [(1.0, 0.0, 0.97), (0.99, 0.98, 0.97), (0.8, 0.0, 0.65), (0.99, 0.7, 0.65)],
+    ids=["two colours", "saturated", "grey", "smeared by a cell"],
+)
+def test_a_map_of_grey_walls_stops_rays_at_a_lower_probability(wall: float, beside: float, threshold: float) -> None:
+    occupancy = np.full((20, 20), 0.02, np.float32)
+    occupancy[:, 10], occupancy[:, 9], occupancy[:, 11] = wall, max(beside, 0.02), max(beside, 0.02)
+    grid = OccupancyGrid(occupancy, 0.05)
+    assert grid.wall_threshold(None) == threshold
+    assert grid.wall_threshold(0.4) == 0.4
+
+
+def test_a_map_without_walls_has_a_threshold_all_the_same() -> None:
+    assert OccupancyGrid(np.zeros((5, 5), np.float32), 0.1).wall_threshold(None) == 0.97

@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow as pa
 import pytest
-from synthetic import DENSITY, drive, steps
+from synthetic import drive, steps
 from test_viewer import PATIENCE, free_port
 
 from pipeline.config import Config
@@ -52,7 +52,7 @@ def record(tmp_path: Path) -> Callable[..., Recorded]:
         config = Config(record_particles=options.pop("record_particles", 2000))
         seen = options.pop("seen", None) or list(steps(log, particles))
         path = tmp_path / name
-        with RerunSink(path, log=log, config=config, seed=options.pop("seed", 0), density=DENSITY) as sink:
+        with RerunSink(path, log=log, config=config, seed=options.pop("seed", 0)) as sink:
             for step in seen:
                 sink.log(step)
             if (summary := options.pop("summary", None)) is not None:

@@ -19,8 +19,6 @@ from pipeline.motion.prior import AGREE, Prior
 from pipeline.motion.witnesses import Motion
 
 LASER = Laser((0.25, 0.0, 0.0), -np.pi / 2, np.pi / 180, beams=180, range_min=0.0, range_max=20.0)
-Z = np.linspace(0.0, 10.0, 101)
-DENSITY = (Z, np.exp(-0.5 * (Z - 4.0) ** 2), 4.0)
 
 
 def building(origin: Pose = (0.0, 0.0, 0.0)) -> OccupancyGrid:

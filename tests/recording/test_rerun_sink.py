@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import DENSITY, building, drive, steps
+from synthetic import building, drive, steps
 
 from pipeline.config import Config
 from pipeline.errors import MclError
 from pipeline.filter.step import Step
 from pipeline.recording import entities, palette
 from pipeline.recording.columns import DISPLAY_STEP
-from pipeline.recording.rerun_sink import RerunSink
+from pipeline.recording.rerun_sink import BATCH, RerunSink
 
 RERUN = Path(sys.executable).with_name("rerun")
 
@@ -147,13 +147,13 @@ def test_hypotheses_after_a_gap_are_named_if_they_have_a_share_worth_reading(rec
     clusters = tuple(dataclasses.replace(each, weight=weight, name=name) for each, weight, name in named)
     seen[8] = dataclasses.replace(seen[8], clusters=clusters)
     labels = record(seen=seen, log=drive(60)).column(entities.SHARES, "Points3D:labels")
-    assert labels[8] == ["60 %, did not move", "38 %, carried off to 3, 4", "2 %"]
-    assert labels[9] == ["60 %", "40 %"]
+    assert labels[8] == ["A 60 %, did not move", "B 38 %, carried off to 3, 4", "2 %"]
+    assert labels[9] == ["A 60 %", "B 40 %"]
 
 
 def test_the_shares_can_be_read_whatever_the_ellipses_colour(record):
     run = record(scans=150)
-    assert run.column(entities.SHARES, "Points3D:labels")[20] == ["60 %", "40 %"]
+    assert run.column(entities.SHARES, "Points3D:labels")[20] == ["A 60 %", "B 40 %"]
     (colour,) = run.column(entities.SHARES, "Points3D:colors", static=True)
     assert colour[0] >> 8 == int.from_bytes(bytes(palette.LETTERING), "big")
 
@@ -211,7 +211,7 @@ def test_steps_may_reuse_their_arrays(record, tmp_path):
     kept = record("kept.rrd", scans=6)
     particles = np.empty((40, 3), np.float32)
     path = tmp_path / "reused.rrd"
-    with RerunSink(path, log=kept.log, config=kept.config, seed=0, density=DENSITY) as sink:
+    with RerunSink(path, log=kept.log, config=kept.config, seed=0) as sink:
         for step in kept.steps:
             particles[:] = step.particles
             sink.log(dataclasses.replace(step, particles=particles))
@@ -243,7 +243,7 @@ def test_stopped_runs_can_be_read(tmp_path, number, whole):
         sys.path.insert(0, sys.argv[2])
         from synthetic import drive, steps
         from pipeline.config import Config
-        from pipeline.recording.rerun_sink import RerunSink
+        from pipeline.recording.rerun_sink import BATCH, RerunSink
         log = drive(100)
         with RerunSink(sys.argv[1], log=log, config=Config(), seed=0) as sink:
             for step in steps(log, 20):
@@ -257,7 +257,7 @@ def test_stopped_runs_can_be_read(tmp_path, number, whole):
         assert run.stdout.readline() == "ready\n"
         run.send_signal(number)
     found = inspect(path)
-    assert found.scans == (100 if whole else 64)
+    assert found.scans == (100 if whole else BATCH)
     assert bool(found.damage) != whole
     verified = subprocess.run([RERUN, "rrd", "verify", path], capture_output=True, env={"CI": "1"}).returncode == 0
     assert verified == whole

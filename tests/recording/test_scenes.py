@@ -10,6 +10,7 @@ from pipeline.errors import MclError
 from pipeline.geometry import wrap_angle
 from pipeline.recording import entities, palette
 from pipeline.recording.columns import DISPLAY_STEP
+from pipeline.recording.rerun_sink import BATCH
 from pipeline.recording.rrd_file import RrdFile, read_rrd
 from pipeline.recording.scenes import Ragged, read_scenes
 
@@ -92,12 +93,12 @@ def test_rows_that_are_missing_are_empty():
 def test_curves_stop_where_the_log_is_silent(record):
     log = drive(150)
     stamps = log.stamps.copy()
-    stamps[64:] += 30_000_000_000  # between two batches
-    stamps[100:] += 500_000_000  # late, but nothing was missed
+    stamps[BATCH:] += 30_000_000_000  # between two batches
+    stamps[BATCH + 4 :] += 500_000_000  # late, but nothing was missed
     run = record(scans=150, particles=40, log=replace(log, stamps=stamps), summary={})
     stops = [c for c in run.file.chunks if c.entity_path == entities.EXPLAINED and "scan" not in c.timeline_names]
     (batch,) = (chunk.to_record_batch() for chunk in stops if not chunk.is_static)
-    assert batch["t"].cast("int64").to_pylist() == [int(stamps[63] - stamps[0]) + 1]
+    assert batch["t"].cast("int64").to_pylist() == [int(stamps[BATCH - 1] - stamps[0]) + 1]
     assert batch["Scalars:scalars"].to_pylist() == [[]]
     curves = read_scenes(run.file).curves
     assert all(len(curve) == 150 and np.isfinite(curve).all() for curve in curves.values())

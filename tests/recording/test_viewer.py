@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from synthetic import DENSITY, drive, heard, steps
+from synthetic import drive, heard, steps
 
 from pipeline.config import Config
 from pipeline.recording import rerun_sink
@@ -76,7 +76,7 @@ def test_no_view_reports_an_error(tmp_path, monkeypatch, showing, tab):
     monkeypatch.setattr(rerun_sink, "blueprint", functools.partial(rerun_sink.blueprint, tab=tab))
     log = drive(60)
     path = tmp_path / "run.rrd"
-    with rerun_sink.RerunSink(path, log=log, config=Config(), seed=0, density=DENSITY) as sink:
+    with rerun_sink.RerunSink(path, log=log, config=Config(), seed=0) as sink:
         for step in heard(log, steps(log, 100), reversed_in=range(25, 35)):
             sink.log(step)
         sink.finish({"converged_at": 3.0})
@@ -87,7 +87,7 @@ def test_no_view_reports_an_error(tmp_path, monkeypatch, showing, tab):
             viewer.set_time("scan", sequence=scan, play_state="paused")
             picture = viewer.take_screenshot()
             assert picture.startswith(b"\x89PNG")
-        assert {"Map", "Map, flat", "Wheels and laser apart; 1: the limit of chance", "Events"} <= {
+        assert {"Map, flat", "Wheels and laser apart; 1: the limit of chance", "All events", "The sensor model"} <= {
             view.name for view in viewer.get_state().views
         }
         assert reports(viewer) == {}

@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
-from synthetic import DENSITY, drive, steps
+from synthetic import drive, steps
 from test_viewer import PATIENCE, free_port, needs_vulkan
 from typer.testing import CliRunner
 
@@ -20,7 +20,7 @@ from pipeline.recording.rerun_sink import RerunSink
 
 def write(path: Path, address: str | None, at: int = 0, meanwhile=lambda: None) -> Path:
     log = drive(150)
-    with RerunSink(path, log=log, config=Config(), seed=0, density=DENSITY, viewer=address) as sink:
+    with RerunSink(path, log=log, config=Config(), seed=0, viewer=address) as sink:
         for step in steps(log, 50):
             if step.index == at:
                 meanwhile()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import DENSITY, LASER, drive, heard, steps
+from synthetic import LASER, drive, heard, steps
 from typer.testing import CliRunner
 
 from pipeline.cli import app
@@ -16,7 +16,7 @@ from pipeline.geometry import between, compose
 from pipeline.localization import localize
 from pipeline.recording import documents, entities
 from pipeline.recording.columns import DISPLAY_STEP
-from pipeline.recording.rerun_sink import RerunSink
+from pipeline.recording.rerun_sink import BATCH, RerunSink
 from pipeline.recording.rrd_file import read_rrd
 from pipeline.recording.statements import Statements
 from pipeline.recording.witness_columns import COARSE
@@ -136,10 +136,10 @@ def test_curves_stop_where_the_log_is_silent(record):
 
 
 def test_a_contradiction_across_batches_goes_away_too(record):
-    log = drive(70)
-    seen = list(heard(log, steps(log, 40), reversed_in=range(50, 59)))
+    log = drive(BATCH + 6)
+    seen = list(heard(log, steps(log, 40), reversed_in=range(BATCH - 14, BATCH - 5)))
     run = record(log=log, seen=seen)
-    assert run.column(entities.SAID_WHEELS, entities.SCAN) == list(range(50, 64))
+    assert run.column(entities.SAID_WHEELS, entities.SCAN) == list(range(BATCH - 14, BATCH))
     assert run.column(entities.SAID_WHEELS, "Arrows3D:origins")[-1] == []
 
 
@@ -160,7 +160,7 @@ def test_wheels_alone_leave_a_recording_as_it_was(tmp_path):
     log = drive(70)
     path = tmp_path / "run.rrd"
     config = Config(odometry="wheels")
-    with RerunSink(path, log=log, config=config, seed=0, density=DENSITY) as sink:
+    with RerunSink(path, log=log, config=config, seed=0) as sink:
         for step in steps(log, 40):
             sink.log(step)
     file = read_rrd(path)
@@ -240,7 +240,7 @@ def test_a_real_run_grows_by_no_more_than_a_sixth(office, tmp_path):
     sizes = []
     for name, chosen in (("with", config), ("without", config.model_copy(update={"odometry": "wheels"}))):
         path = tmp_path / f"{name}.rrd"
-        with RerunSink(path, log=office, config=chosen, seed=0, density=DENSITY) as sink:
+        with RerunSink(path, log=office, config=chosen, seed=0) as sink:
             for step in kept:
                 alone = dataclasses.replace(step.motion, laser=None)
                 sink.log(step if name == "with" else dataclasses.replace(step, motion=alone))

@@ -16,8 +16,10 @@ from pipeline.judgement.verdict import KINDS, Verdict
 from pipeline.recording import columns, entities, palette
 from pipeline.recording.columns import DISPLAY_STEP
 from pipeline.recording.rerun_sink import BATCH
+from pipeline.recording.rrd_file import read_rrd
+from pipeline.recording.scenes import read_scenes
 
-SPANS = (("lost", 0), ("ambiguous", 20), ("found", 30), ("off the map", BATCH), ("found", 2 * BATCH + 5))
+SPANS = (("lost", 0), ("ambiguous", 20), ("found", 30), ("off the map", BATCH), ("found", BATCH + 25))
 """Verdicts, and the scans from which on they hold: also one that changes where a batch begins, and one within it."""
 SCANS = 150
 
@@ -63,6 +65,13 @@ def test_what_is_not_as_mapped_is_drawn_where_more_is_known(record: Callable[...
         assert packed == ((rgb[:, 0] << 24) + (rgb[:, 1] << 16) + (rgb[:, 2] << 8) + 255).tolist()
 
 
+def test_what_is_not_as_mapped_is_read_back(record: Callable[..., Any], judged: list[Step]) -> None:
+    scenes = read_scenes(read_rrd(record(scans=SCANS, seen=judged).path))
+    assert scenes.changed_at.tolist() == list(CHANGED)
+    assert scenes.changed.lengths.tolist() == [len(drawn) for drawn in CHANGED.values()]
+    np.testing.assert_allclose(scenes.changed.values, np.concatenate(list(CHANGED.values())), atol=DISPLAY_STEP)
+
+
 def test_the_three_ways_to_be_otherwise_have_three_colours() -> None:
     assert len({tuple(colour) for colour in palette.CHANGED_COLOURS[1:]}) == 3
 
@@ -70,14 +79,15 @@ def test_the_three_ways_to_be_otherwise_have_three_colours() -> None:
 def test_nothing_new_leaves_no_row(record: Callable[..., Any]) -> None:
     run = record(scans=30)
     assert run.column(entities.CHANGED, "Points3D:positions") == []
+    assert len(read_scenes(read_rrd(run.path)).changed) == 0
 
 
 def test_verdicts_are_read_back(record: Callable[..., Any], judged: list[Step]) -> None:
     found = inspect(record(scans=SCANS, seen=judged).path)
     assert [KINDS[k] for k in found.verdicts] == [step.verdict.kind for step in judged]
     assert found.probabilities.tolist() == [step.verdict.probability for step in judged]
-    there = found.pose_at(float(found.times[70]))
-    assert (there.verdict, there.probability) == ("off the map", judged[70].verdict.probability)
+    there = found.pose_at(float(found.times[BATCH + 6]))
+    assert (there.verdict, there.probability) == ("off the map", judged[BATCH + 6].verdict.probability)
     rows = dict(found.summary_rows())
     shares = [sum(s.verdict.kind == kind for s in judged) / SCANS for kind in KINDS]
     told = ", ".join(f"{kind} {100 * share:.0f} %" for kind, share in zip(KINDS, shares, strict=True))

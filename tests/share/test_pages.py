@@ -1,12 +1,11 @@
-"""Pages hold their run, refer to nothing outside of themselves, and open in a browser where there is one."""
+"""Pages hold their runs, and refer to nothing outside of themselves."""
 
 import base64
 import gzip
+import hashlib
 import html.parser
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,16 +14,15 @@ import pytest
 from typer.testing import CliRunner
 
 from pipeline.cli import app
+from pipeline.compare import Track, errors
 from pipeline.errors import MclError
 from pipeline.export.run import read_run
-from pipeline.inspect import RecordedEvent
-from pipeline.share import pages, player
+from pipeline.logs.messages import Trajectory
+from pipeline.recording.scenes import Ragged
+from pipeline.share import packing, pages, player
+from pipeline.share.index import index
 from pipeline.share.pages import Viewer
-
-BROWSER = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
-)
-needs_browser = pytest.mark.skipif(BROWSER is None, reason="no browser: apt-get install chromium")
+from pipeline.share.words import matters
 
 
 @pytest.fixture(scope="module")
@@ -35,16 +33,6 @@ def run(recorded: Path):
 @pytest.fixture
 def typed():
     return lambda *args: CliRunner().invoke(app, [str(arg) for arg in args])
-
-
-def opened(path: Path, fragment: str, profile: Path, *words: str) -> str:
-    """The page as the browser has it after a while, without a network of any kind."""
-    command = [
-        BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run",
-        "--proxy-server=127.0.0.1:9", f"--user-data-dir={profile}", "--virtual-time-budget=5000", "--dump-dom",
-        *words, f"{path.as_uri()}{fragment}",
-    ]  # fmt: skip
-    return subprocess.run(command, capture_output=True, text=True, timeout=120).stdout
 
 
 class References(html.parser.HTMLParser):
@@ -61,9 +49,7 @@ class References(html.parser.HTMLParser):
 
 
 def test_a_page_holds_the_run(run):
-    head, data = player.packed(run)
-    raw = gzip.decompress(data)
-    found = {name: np.frombuffer(raw, kind, length, at) for name, kind, at, length in head["arrays"]}
+    head, (found,) = unpacked([run])
     scenes = run.scenes
     assert found["times"].tolist() == scenes.times.tolist()
     assert np.allclose(found["estimates"].reshape(-1, 3), scenes.estimates, atol=1e-5)
@@ -76,12 +62,47 @@ def test_a_page_holds_the_run(run):
     assert (found["level"] == scenes.levels.values).all()
     assert (found["shades"].reshape(scenes.shades.shape) == scenes.shades).all()
     assert [event["text"] for event in head["events"]] == [event.text for event in run.told.events]
-    assert head["labels"][20] == ["60 %", "40 %"]
+    texts = json.loads(bytes(found["texts"]))
+    assert texts["labels"][20] == ["60 %", "40 %"]
+    assert [texts["said"][k] for k in found["said_at"]] == matters(run)
+    assert np.nanmax(found["error"]) == pytest.approx(np.nanmax(errors(run)[0]), abs=1e-4)
+
+
+def unpacked(compared):
+    """The head of a page, and the arrays of everyone in it, by name."""
+    head, data = player.packed(compared)
+    raw = gzip.decompress(data)
+    parts = [one["arrays"] for one in head["runs"]]
+    return head, [{name: np.frombuffer(raw, kind, length, at) for name, kind, at, length in part} for part in parts]
+
+
+def test_several_runs_have_one_clock(run):
+    later = replace(run, told=replace(run.told, stamps=run.told.stamps + 2_000_000_000))
+    elsewhen = replace(run, told=replace(run.told, stamps=run.told.stamps + 10**15))
+    track = Track("amcl.tum", Trajectory(run.told.stamps[50:], run.told.poses[50:]))
+    head, found = unpacked([run, later, elsewhen, track])
+    shifts = [float(one["times"][0]) - float(run.scenes.times[0]) for one in found]
+    assert shifts == pytest.approx([0, 2, 0, run.told.times[50] - run.told.times[0]], abs=1e-6)
+    assert [one["letter"] for one in head["runs"]] == ["A", "B", "C", "D"]
+    assert len({tuple(one["colour"]) for one in head["runs"]}) == 4
+    assert np.allclose(found[3]["apart"], 0, atol=1e-6)
+    assert found[3]["error"] == pytest.approx(found[0]["error"][50:], abs=1e-6)
+
+
+def test_a_cell_that_changed_is_kept_once_for_each_span_in_which_it_is_so(run):
+    first, second = (0.0, 5.0, 1.0), (1.0, 6.0, 2.0)
+    cells = [[first], [first, second], [first], [second]]
+    flat = np.array([cell for row in cells for cell in row])
+    changed = Ragged(flat, np.concatenate([[0], np.cumsum([len(row) for row in cells])]))
+    scenes = replace(run.scenes, changed=changed, changed_at=np.array([10, 20, 30, 40]))
+    _, (found,) = unpacked([replace(run, scenes=scenes)])
+    spans = zip(*(found[f"changed{which}"].tolist() for which in ("_kind", "_from", "_until")), strict=True)
+    assert sorted(spans) == [(1, 10, 40), (2, 20, 30), (2, 40, 150)]
 
 
 def test_many_particles_are_thinned_evenly(run, monkeypatch):
-    monkeypatch.setattr(player, "PER_SCAN", 7)
-    kept = player._thinned(run.scenes.particles)
+    monkeypatch.setattr(packing, "PER_SCAN", 14)
+    kept = packing._thinned(run.scenes.particles, 0.5)
     assert kept.lengths.tolist() == [7] * 150
     assert len(set(kept.values.tolist())) == 7 * 150
     assert (np.repeat(np.arange(150), 7) == kept.values // 30).all()
@@ -91,17 +112,22 @@ def test_a_page_refers_to_nothing_outside(recorded, tmp_path):
     pages.share(recorded, tmp_path / "run.html")
     page = (tmp_path / "run.html").read_text()
     assert References(page).found == []
-    assert "default-src 'none'" in page
     assert not re.findall(r"@[A-Z]+@", page)
+    rules = re.search(r'Content-Security-Policy" content="(.*?)"', page)[1]
+    assert "default-src 'none'" in rules
+    assert "unsafe" not in rules
+    for element in ("style", "script"):  # what may run is what stands there, and nothing else
+        own = re.search(rf"<{element}>(.*?)</{element}>", page, re.S)[1]
+        assert f"{element}-src 'sha256-{base64.b64encode(hashlib.sha256(own.encode()).digest()).decode()}'" in rules
 
 
 def test_a_name_cannot_break_out_of_the_page(run, monkeypatch):
     evil = '</script><script>alert("@DATA@")</script><!--'
     monkeypatch.setattr(type(run), "name", property(lambda _: evil))
-    page = player.page(run)
+    page = player.page([run])
     assert page.count("<script>") == player_scripts()
     head = re.search(r'id="head">(.*?)</script>', page, re.S)[1]
-    assert json.loads(head)["log"] == evil
+    assert evil in json.loads(head)["title"]
     data = re.search(r'id="data">(.*?)</script>', page, re.S)[1]
     assert gzip.decompress(base64.b64decode(data))
 
@@ -140,6 +166,7 @@ def test_a_folder_has_an_index(typed, recorded, tmp_path):
     assert names == ["synthetic-seed7.html", "synthetic-seed7-2.html"]
     assert all((tmp_path / "site" / name).exists() for name in names)
     assert "9.2 s" in index
+    assert "2 runs, none flagged" in index
     again = typed("share", recorded, "--folder", tmp_path / "site")
     assert (again.exit_code, "exists already" in again.stderr) == (1, True)
     assert typed("share", recorded, "--folder", tmp_path / "site", "--force").exit_code == 0
@@ -169,28 +196,12 @@ def test_nothing_is_replaced_unasked(recorded, tmp_path):
     assert (tmp_path / "run.html").read_text() == "precious"
 
 
-@needs_browser
-def test_it_opens_from_a_file_without_a_network(recorded, tmp_path):
-    page = tmp_path / "run.html"
-    pages.share(recorded, page)
-    shown = opened(page, "#t=20", tmp_path / "profile")
-    assert 'data-ready="150"' in shown
-    assert re.search(r'id="clock"[^>]*>20\.0 s<', shown)
-    assert re.search(r'id="said"[^>]*>One hypothesis is left<', shown)
-    assert re.search(r'<button class="[^"]*now[^"]*">One hypothesis is left<', shown)
-
-
-@needs_browser
-def test_the_latest_event_is_seen_and_the_colours_are_explained_without_scrolling(run, tmp_path):
-    many = tuple(RecordedEvent(k, 0.2 * k, "searched", "INFO", f"Searched, number {k}") for k in range(0, 150, 5))
-    page = player.page(replace(run, told=replace(run.told, events=many)))
-    # No timer: the browser's clock would run ahead of the page, which unpacks its data meanwhile.
-    look = """<script>new MutationObserver(() => {
-      if (!document.querySelector("[data-ready]") || !document.querySelector("ol .now")) return;
-      const inside = (a, b) => a.top >= b.top - 1 && a.bottom <= b.bottom + 1;
-      const box = query => document.querySelector(query).getBoundingClientRect();
-      document.body.dataset.seen = [inside(box("ol .now"), box("ol")), inside(box("#layers"), box("aside")), scrollY];
-    }).observe(document, {subtree: true, attributes: true, attributeFilter: ["data-ready", "class"]})</script></body>"""
-    (tmp_path / "run.html").write_text(page.replace("</body>", look))
-    shown = opened(tmp_path / "run.html", "#t=25", tmp_path / "profile", "--window-size=1400,900")
-    assert 'data-seen="true,true,0"' in shown
+def test_an_index_has_a_column_for_what_differs_and_flags_who_is_lost(run, another):
+    other = read_run(another)
+    other = replace(other, told=replace(other.told, config={**other.told.config, "sigma_hit": 0.3, "filter": "<b>"}))
+    page = index([run, other], ["a.html", "b.html"])
+    assert "2 runs, 1 flagged" in page
+    assert "⚑ lost at the end" in page
+    assert {"sigma_hit", "filter"} <= set(re.findall(r'<button type="button">(.*?)</button>', page))
+    assert "&lt;b&gt;" in page
+    assert "<b>" not in page

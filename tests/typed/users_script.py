@@ -77,7 +77,8 @@ def recorded(log: mcl.Log) -> None:
     poses: NDArray[np.float64] = run.told.poses
     mcl.export_run(run, "run.png", mcl.Wishes(at=[12.5]))
     both: mcl.RunComparison = mcl.compare_runs(run, run)
-    print(poses[-1], both.common, both.config)
+    amcl = mcl.compare_runs(run, mcl.Track("amcl.tum", mcl.read_tum("amcl.tum")))
+    print(poses[-1], both.common, both.config, amcl.apart)
 
 
 def main() -> int:

@@ -13,6 +13,7 @@ from pipeline.export.figures.paper import Paper, rgb
 from pipeline.export.run import Run
 from pipeline.judgement.verdict import KINDS
 from pipeline.recording import entities
+from pipeline.recording.sensor_parts import PARTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +22,8 @@ Array = NDArray[np.float64]
 
 NEAR = 0.2
 """Share of the true range by which a wall may be nearer or farther to be taken along."""
-BINS = 100
+WHOLE = f"{entities.PARTS}/{PARTS[0]}"
+"""Where the recording has the sum of all parts of the model, in per cent of the readings in each bin."""
 SAME_BEAM = 0.004
 """m: positions are recorded to so much, and so a reading and what is expected of it do not quite lie on one ray."""
 
@@ -32,27 +34,26 @@ def sensor(run: Run, paper: Paper) -> Figure:
     Each reading is shifted by as much as its wall is nearer or farther; readings are those of scans at which the robot
     was found. Raises MclError if the recording has no sensor model.
     """
-    z, density = recorded_density(run)
-    wall = float(z[-1]) / 2
+    edges, density = recorded_density(run)
+    wall = float(edges[-1]) / 2
     read = readings(run, wall)
     theme = paper.theme
     figure = paper.figure((0.42 if paper.wide else 0.75) * paper.width)
     axes = figure.subplots()
     if len(read):
-        edges = np.linspace(0.0, float(z[-1]), BINS + 1)
         measured, _ = np.histogram(read, edges, density=False)
         axes.stairs(
             measured / (len(read) * np.diff(edges)), edges, fill=True, color=rgb(theme.hindsight), alpha=0.6,
             label=f"{len(read):,} readings",
         )  # fmt: skip
     model = "beam model" if run.told.config.get("sensor_model") == "beam" else "beam model, for searches"
-    axes.plot(z, density, color=rgb(theme.estimate), label=model)
+    axes.stairs(density, edges, color=rgb(theme.estimate), linewidth=1.2, label=model)
     axes.axvline(wall, color=rgb(theme.ink), linewidth=0.7, linestyle=DASHED, label=f"wall of the map, z* = {wall:g} m")
     axes.set_yscale("log")
     axes.set_ylim(bottom=max(float(density.min()) / 3, 1e-5))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_formatter(lambda *_: "")
-    axes.set_xlim(0.0, float(z[-1]))
+    axes.set_xlim(0.0, float(edges[-1]))
     axes.set_xlabel("measured range z (m)")
     axes.set_ylabel("p(z | z*) (1/m)")
     axes.grid(visible=True)
@@ -62,12 +63,20 @@ def sensor(run: Run, paper: Paper) -> Figure:
 
 
 def recorded_density(run: Run) -> tuple[Array, Array]:
-    """(k,) ranges z, m, from 0 to twice the true one, and the density there per metre; MclError if none is recorded."""
+    """(k + 1,) edges of the bins of z, m, from 0 to twice the true range, and (k,) the mean density in each, per metre.
+
+    Raises MclError if none is recorded.
+    """
     for chunk in run.file.chunks:
-        if chunk.entity_path == entities.DENSITY:
+        if chunk.entity_path == WHOLE:
             batch = chunk.to_record_batch()
-            z, p = (batch.column(f"BarChart:{name}").to_pylist()[0][0]["buffer"] for name in ("abscissa", "values"))
-            return np.array(z, dtype=np.float64), np.array(p, dtype=np.float64)
+            at, percent = (
+                batch.column(f"BarChart:{name}").to_pylist()[0][0]["buffer"] for name in ("abscissa", "values")
+            )
+            width = float(at[1]) - float(at[0])
+            # The last bar is for readings without return.
+            density = np.array(percent[:-1], dtype=np.float64) / (100.0 * width)
+            return width * np.arange(len(density) + 1, dtype=np.float64), density
     raise MclError("the recording has no sensor model", path=run.told.path)
 
 
