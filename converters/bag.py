@@ -34,7 +34,7 @@ from pipeline.logs.faults import Fault, note
 from pipeline.logs.mcap_file import MAGIC, McapFile
 from pipeline.logs.messages import Trajectory
 from pipeline.logs.odometry import continue_odometry, move
-from pipeline.logs.recorded import ByLogTime, Names, Recorded, describe
+from pipeline.logs.recorded import ByLogTime, Names, Recorded, no_topic
 from pipeline.logs.stretches import as_record, begins_after, stretches_of
 from pipeline.logs.tum import read_tum
 from pipeline.logs.writer import write_log
@@ -154,7 +154,7 @@ def _map(recorded: Recorded, path: Path | None, drive: Drive) -> tuple[Occupancy
 
 def _truth_file(path: Path, recorded: Recorded) -> Trajectory:
     if not path.exists() and str(path).startswith("/") and not path.suffix:
-        raise MclError(f"no topic {path} in this file: {describe(recorded.topics)}", path=recorded.path)
+        raise MclError(no_topic(str(path), recorded.topics), path=recorded.path)
     return read_tum(path)
 
 

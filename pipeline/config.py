@@ -5,7 +5,6 @@ Order of precedence: defaults < preset or ``--config`` file < ``--set key=value`
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from io import StringIO
 from pathlib import Path
@@ -16,10 +15,13 @@ from pydantic import Field as PydanticField
 
 from pipeline import nav2
 from pipeline.errors import MclError
+from pipeline.explained import what_is_taken
 from pipeline.parts.loading import Part, load
 from pipeline.parts.loading import check_name as check_part
 from pipeline.parts.own import Own
 from pipeline.parts.roles import ROLES
+from pipeline.spelling import did_you_mean, meant_or_known
+from pipeline.wrong_values import expectation
 from pipeline.yaml_errors import yaml_told
 
 Field: Any = PydanticField  # Checkers of types take that one for a parameter without a default.
@@ -118,15 +120,12 @@ class Config(BaseModel):
     max_beams: int = Field(60, ge=1, description="Use at most so many beams, spread evenly over the scan.")
     beam_step: int | None = Field(None, ge=1, description="Use every n-th beam instead of max_beams.")
     laser_min_range: NonNegative = Field(
-        0.0,
-        description="Readings no longer than this say nothing, m, nor do those below the scan's own shortest range.",
+        0.0, description="Readings no longer than this say nothing, m, nor those below the scan's own shortest range."
     )
     laser_max_range: Positive | None = Field(
         None, description="Longest range that counts, m; the scan's own if that is shorter, or if not given."
     )
-    no_return_fraction: Fraction = Field(
-        1.0, description="Readings at or above this share of the maximum range count as 'no return'."
-    )
+    no_return_fraction: Fraction = Field(1.0, description="From this share of the maximum range on: 'no return'.")
     range_bias: float | None = Field(
         None,
         description="Taken off every measured range, m: walls that the map draws too near. "
@@ -173,8 +172,7 @@ class Config(BaseModel):
     # --- true ranges from the map ----------------------------------------------------------------------------
     occupied_threshold: Fraction | None = Field(
         None,
-        description="Cells at least so probably occupied stop a ray. Not given: 0.97, or 0.65 on a map whose walls are "
-        "grey.",
+        description="Cells at least so probably occupied stop a ray. Not given: 0.97, or 0.65 where walls are grey.",
     )
     free_threshold: Fraction = Field(0.25, description="Cells less probably occupied than this may hold the robot.")
     ray_caster: Literal["table", "dda", "bresenham"] = Field(
@@ -324,8 +322,10 @@ def check_name(key: str, source: str | Path | None = None) -> None:
         return  # of an own part, which is asked itself
     if key not in Config.model_fields and key not in ALIASES:
         ours = nav2.OURS.get(key, key)
-        near = difflib.get_close_matches(ours, Config.model_fields, n=1)
-        raise MclError(f"unknown parameter {key!r}", f"did you mean {near[0]!r}?" if near else "", path=source)
+        _, dot, own = key.partition(".")
+        known = [f"{name}.{own}" for name in ROLES] if dot else Config.model_fields
+        hint = did_you_mean(ours, known)
+        raise MclError(f"unknown parameter {key!r}", hint or "mcl config lists all", path=source)
 
 
 def _with_own_parts(config: Config) -> Config:
@@ -358,7 +358,7 @@ def _read(source: str | Path, remark: Callable[[str], object]) -> dict[str, Any]
 
     path = PRESETS / f"{source}.yaml" if str(source) in preset_names() else Path(source)
     if not path.is_file():
-        raise MclError("no such config file or preset", f"presets: {', '.join(preset_names())}", path=path)
+        raise MclError("no such config file or preset", meant_or_known(str(source), preset_names()), path=path)
     try:
         text = path.read_text()
     except UnicodeDecodeError as error:
@@ -388,8 +388,13 @@ def _validate(values: Mapping[str, Any], file_of: Mapping[str, str | Path | None
         return Config.model_validate(values)
     except ValidationError as error:
         first = error.errors()[0]
-        file = file_of.get(str(first["loc"][0]) if first["loc"] else "")
+        name = str(first["loc"][0]) if first["loc"] else ""
+        file = file_of.get(name)
         key = ".".join(str(p) for p in first["loc"])
         key = theirs.get(key, key) if file is not None else key
-        said = first["msg"].removeprefix("Value error, ")
-        raise MclError(f"{key}: {said}, got {first['input']!r}" if key else said, path=file) from error
+        said = expectation(first)
+        if first["type"] != "value_error" and name in Config.model_fields:
+            key = key.partition(".")[0]
+            said = f"expected {what_is_taken(name, Config.model_json_schema()['properties'][name])}"
+        got = values[name] if name in values else first["input"]
+        raise MclError(f"{key}: {said}, got {got!r}" if key else said, path=file) from error

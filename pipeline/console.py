@@ -19,11 +19,31 @@ T = TypeVar("T")
 
 EVERY = 5.0
 """Seconds between two lines of progress, at least."""
+QUIET, NORMAL, VERBOSE = 0, 1, 2
+_volume = NORMAL
+
+
+def set_volume(volume: int) -> None:
+    """How much is said from now on: ``QUIET`` errors and results, ``NORMAL`` notes too, ``VERBOSE`` details too."""
+    global _volume
+    _volume = volume
+
+
+def is_quiet() -> bool:
+    """Whether nothing but errors and results is wanted: no progress either."""
+    return _volume == QUIET
 
 
 def note(text: str) -> None:
     """A line for people, on stderr."""
-    print(printable(text), file=sys.stderr, flush=True)
+    if not is_quiet():
+        print(printable(text), file=sys.stderr, flush=True)
+
+
+def detail(text: str) -> None:
+    """A line on stderr for those who asked for more with --verbose."""
+    if _volume >= VERBOSE:
+        note(text)
 
 
 def error(text: str) -> None:
@@ -66,6 +86,9 @@ def progress(items: Iterable[T], total: int, label: str) -> Iterator[T]:
 
     Lines come EVERY seconds at most, for a log of a build or a notebook; what is done sooner says nothing.
     """
+    if is_quiet():
+        yield from items
+        return
     if not sys.stderr.isatty():
         yield from _in_lines(items, total, label)
         return
@@ -91,7 +114,7 @@ def _in_lines(items: Iterable[T], total: int, label: str) -> Iterator[T]:
 def _colour() -> bool:
     import os
 
-    return sys.stderr.isatty() and "NO_COLOR" not in os.environ
+    return sys.stderr.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
 
 
 def _finite(value: Any) -> Any:

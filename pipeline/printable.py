@@ -30,3 +30,12 @@ def _shown(character: str) -> str:
         return character
     code = ord(character)
     return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+
+def seconds(span: float) -> str:
+    """How long something took or takes: ``0.07 s``, ``93.4 s``, ``12.5 min``, ``2.4 h``."""
+    if span < 1.0:
+        return f"{span:.2f} s"
+    if span < 600.0:
+        return f"{span:.1f} s"
+    return f"{span / 60.0:.1f} min" if span < 7200.0 else f"{span / 3600.0:.1f} h"

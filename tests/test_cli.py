@@ -75,13 +75,27 @@ def test_config_prints_what_load_config_reads_back(typed, tmp_path: Path):
 def test_config_explains_every_parameter(typed):
     lines = typed("config").stdout.splitlines()
     for line in dump_config(load_config()).splitlines():
-        assert lines[lines.index(line) - 1].startswith("# ")
+        at = lines.index(line)
+        assert lines[at - 1].startswith("# ")
+        assert "; default " in lines[at - 1]
+        assert lines[at - 2].startswith("# ")
 
 
 def test_config_shows_a_parameter_alone(typed):
-    explained, value = typed("config", "sigma_hit", "--set", "sigma_hit=0.25").stdout.splitlines()
+    explained, taken, value = typed("config", "sigma_hit", "--set", "sigma_hit=0.25").stdout.splitlines()
     assert explained.startswith("# ")
+    assert taken == "# a number above 0 (m); default 0.15; the book's σ_hit"
     assert value == "sigma_hit: 0.25"
+
+
+def test_config_shows_all_parameters_with_a_part_of_the_name(typed):
+    shown = typed("config", "particles").stdout.splitlines()
+    names = [line.partition(":")[0] for line in shown if line and not line.startswith("#")]
+    assert names == ["max_particles", "min_particles", "record_particles"]
+
+
+def test_config_names_what_was_meant(typed):
+    assert "did you mean 'sigma_hit'?" in typed("config", "sigma_hti").stderr
 
 
 def test_config_lists_the_presets(typed):

@@ -11,6 +11,7 @@ from ruamel.yaml import YAML
 
 from pipeline import nav2
 from pipeline.config import Config
+from pipeline.explained import SYMBOLS, UNITS
 
 PAGE = (Path(__file__).resolve().parents[1] / "docs" / "parameters.md").read_text(encoding="utf-8")
 OURS, _, AMCLS = PAGE.partition("## AMCL's parameter files")
@@ -57,7 +58,9 @@ def test_every_parameter_has_its_row_in_the_order_that_tells_the_story() -> None
 
 @pytest.mark.parametrize("name", Config.model_fields)
 def test_a_row_says_what_the_program_says(name: str) -> None:
-    _, said_kind, unit, said_bounds, default, meaning = rows(OURS)[name]
+    _, said_kind, unit, symbol, said_bounds, default, meaning = rows(OURS)[name]
+    assert unit == UNITS.get(name, "-")
+    assert symbol.strip("`") == SYMBOLS.get(name, "-")
     assert said_kind == kind(SCHEMA[name])
     assert said_bounds == bounds(SCHEMA[name])
     value = YAML(typ="safe").load(default)

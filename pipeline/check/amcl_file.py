@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from pipeline.nav2 import (
     load,
     values_of_launch,
 )
+from pipeline.spelling import did_you_mean
 
 LARGEST: Final = 1e300
 """What is larger, or no number, is not meant."""
@@ -112,9 +112,8 @@ def sound(file: Checked) -> Checked:
 
 def _names(file: Checked) -> Iterator[Finding]:
     for name in file.given.unknown():
-        known = [*map(file.given.name, PARAMETERS), *OF_EVERY_NODE]
-        near = difflib.get_close_matches(name, known, n=1)
-        do = f"Did you mean {near[0]}?" if near else "Take it out, or look up its name in nav2's configuration guide."
+        near = did_you_mean(name, [*map(file.given.name, PARAMETERS), *OF_EVERY_NODE])
+        do = near[0].upper() + near[1:] if near else "Take it out, or look up its name in nav2's configuration guide."
         yield file.finding("doubtful", name, f"AMCL has no parameter {name}: it is not read.", do)
 
 

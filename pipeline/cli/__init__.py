@@ -30,17 +30,28 @@ from pipeline.cli.reckoning import odometry
 from pipeline.cli.runs import demo, inspect, localize
 from pipeline.cli.sharing import share
 from pipeline.cli.tuning import tune
+from pipeline.cli.usage import UsageError, told_in_one_line
+from pipeline.cli.volume import with_volume
 from pipeline.errors import MclError
 
-BAD_INPUT, INTERRUPTED, TERMINATED = 1, 130, 128 + signal.SIGTERM
+BAD_INPUT, BAD_USAGE, INTERRUPTED, TERMINATED = 1, 2, 130, 128 + signal.SIGTERM
 
 
 class _Commands(TyperGroup):
     """Ends every command the same way: what a user can mend is one line and an exit code, never a traceback."""
 
+    def make_context(self, *args: Any, **extra: Any) -> Any:
+        console.set_volume(console.NORMAL)
+        try:
+            return super().make_context(*args, **extra)
+        except UsageError as error:
+            raise _bad_usage(error) from error
+
     def invoke(self, ctx: Any) -> Any:
         try:
             return super().invoke(ctx)
+        except UsageError as error:
+            raise _bad_usage(error) from error
         except MclError as error:
             console.error(str(error))
         except BrokenPipeError:
@@ -88,7 +99,15 @@ for command in (
     lesson,
     bench,
 ):
-    app.command()(command)
+    app.command()(with_volume(command))
+
+
+def _bad_usage(error: UsageError) -> Exception:
+    """The way out when what was typed cannot be understood; to have typed nothing at all shows the help."""
+    if (said := told_in_one_line(error)) is None:
+        return error
+    console.error(said)
+    return typer.Exit(BAD_USAGE)
 
 
 def _show_version(wanted: bool) -> None:

@@ -11,7 +11,7 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import columns, look_at, note_damage
-from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption
+from pipeline.cli.parameters import ConnectOption, ForceOption, JsonOption, MapOption, named_runs
 from pipeline.cli.reading import Reading, open_log, reads_logs
 from pipeline.errors import MclError
 
@@ -27,8 +27,9 @@ def compare(
         list[Path],
         typer.Argument(
             metavar="RUN RUN_OR_TUM...",
-            help="Folders of runs, or their run.rrd, two to six; the first is what the others are compared with. After "
-            "it also the ways of other filters, AMCL's for instance, as TUM files.",
+            callback=named_runs,
+            help="Folders of runs, their run.rrd or `latest`, two to six; the first is what the others are compared "
+            "with. After it also the ways of other filters, AMCL's for instance, as TUM files.",
         ),
     ],
     output: Annotated[
@@ -97,7 +98,12 @@ def _apart(pair: Comparison, who: str) -> str:
 @reads_logs
 def view(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd; or one log, of any kind.")
+        list[Path],
+        typer.Argument(
+            metavar="RUN",
+            callback=named_runs,
+            help="Folders of runs, their run.rrd or `latest`; or one log.",
+        ),
     ],
     reading: Reading,
     map_path: MapOption = None,

@@ -11,7 +11,7 @@ import typer
 
 from pipeline import console
 from pipeline.cli.lines import note_damage
-from pipeline.cli.parameters import ForceOption
+from pipeline.cli.parameters import ForceOption, named_runs
 from pipeline.errors import MclError
 from pipeline.outputs import check_folder
 
@@ -47,7 +47,8 @@ def export(
         list[Path],
         typer.Argument(
             metavar="RUN|LOG.mcap",
-            help="A run's folder or its run.rrd; several for a comparison or a .yaml; with --raw a log.",
+            callback=named_runs,
+            help="A run's folder, its run.rrd or `latest`; several for a comparison or a .yaml; with --raw a log.",
         ),
     ],
     outputs: Annotated[

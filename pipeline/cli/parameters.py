@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +11,7 @@ import typer
 
 from pipeline import console
 from pipeline.errors import MclError
+from pipeline.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from pipeline.config import Config
@@ -33,7 +35,7 @@ SetOption = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="A parameter; may be given several times."),
 ]
 ParticlesOption = Annotated[
-    int | None, typer.Option(metavar="N", help="Use so many particles, from the start to the end.")
+    int | None, typer.Option(metavar="N", min=1, help="Use so many particles, from the start to the end.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON on stdout instead of a table.")]
 ConnectOption = Annotated[
@@ -64,6 +66,26 @@ FaultOption = Annotated[
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace what is there under the output's name.")]
 
 
+LATEST = "latest"
+"""The newest run, wherever a command takes one."""
+
+
+def named_run(path: Path) -> Path:
+    """The run of that name; ``latest`` is the one whose recording was written last, unless a file has that name."""
+    if str(path) != LATEST or path.exists():
+        return path
+    from pipeline.recording.run_folder import newest
+
+    run = newest()
+    console.note(f"latest: {run}")
+    return run
+
+
+def named_runs(paths: list[Path] | None) -> list[Path] | None:
+    """The same of several, as typer hands them over."""
+    return None if paths is None else [named_run(path) for path in paths]
+
+
 def asked_faults(texts: list[str] | None) -> tuple[Fault, ...]:
     """What --fault asks for."""
     if not texts:
@@ -80,7 +102,10 @@ def effective_config(source: str | None, settings: list[str] | None, particles: 
     flags["max_particles"] = particles
     if "min_particles" in Config.model_fields:
         flags["min_particles"] = particles
-    return load_config(source, settings or (), remark=_note_once, **flags)
+    config = load_config(source, settings or (), remark=_note_once, **flags)
+    changed = [f"{name}={value}" for name, value in config if value != Config.model_fields[name].default]
+    console.detail(f"parameters: {', '.join(changed) or 'the defaults'}")
+    return config
 
 
 @cache
@@ -91,7 +116,8 @@ def _note_once(text: str) -> None:
 
 def config(
     source: Annotated[
-        str | None, typer.Argument(metavar="[NAME|FILE]", help="A preset, a YAML file, or a parameter to show alone.")
+        str | None,
+        typer.Argument(metavar="[NAME|FILE]", help="A preset, a YAML file, or a parameter's name or part of it."),
     ] = None,
     log: Annotated[
         Path | None, typer.Argument(metavar="[LOG]", help="With --check: a log that the file shall fit as well.")
@@ -121,32 +147,66 @@ def config(
     for given, option in ((log, "a log"), (map_path, "--map"), (as_json or None, "--json")):
         if given is not None:
             raise MclError(f"{option} goes with --check")
-    from pipeline.config import Config, dump_config, load_config, preset_description, preset_names
+    from pipeline.config import dump_config, load_config, preset_description, preset_names
 
     if presets:
         width = max(map(len, preset_names()))
         for name in preset_names():
             console.result(f"{name:<{width}}  {preset_description(name)}".rstrip())
         return
-    only = source if source in Config.model_fields else None
+    only = _meant_by(source)
     effective = load_config(None if only else source, settings or (), remark=_note_once)
-    about = {name: field.description for name, field in Config.model_fields.items()} | _own_descriptions(effective)
+    about = _explanations() | _own_descriptions(effective)
     lines = []
     for line in dump_config(effective).splitlines():
         key = line.partition(":")[0]
-        if only not in (None, key.partition(".")[0]):
+        if only and key.partition(".")[0] not in only:
             continue
-        if description := about.get(key):
-            lines.append(f"\n# {description}")
+        if key in about:
+            lines.append(f"\n# {about[key]}")
         lines.append(line)
     console.result("\n".join(lines).strip())
 
 
-def _own_descriptions(config: Config) -> dict[str, str | None]:
+def _meant_by(source: str | None) -> list[str]:
+    """The parameters that are asked for, by name or by a part of it; none if it is a preset or a file."""
+    from pipeline.config import Config, preset_names
+
+    if source in Config.model_fields:
+        return [source]
+    if source is None or source in preset_names() or Path(source).exists():
+        return []
+    return [name for name in Config.model_fields if source in name] or _unknown(source)
+
+
+def _unknown(source: str) -> list[str]:
+    """Nothing, for a name that looks like a file's; MclError with the nearest name for any other."""
+    from pipeline.config import Config, preset_names
+
+    if "." in source or "/" in source:
+        return []
+    near = did_you_mean(source, [*preset_names(), *Config.model_fields])
+    raise MclError(f"there is no parameter, preset or file {source!r}", near or "mcl config shows all parameters")
+
+
+def _explanations() -> dict[str, str]:
+    """Of every parameter a sentence, and on the next line what it takes, its default and the book's symbol."""
+    from pipeline.config import Config
+    from pipeline.explained import SYMBOLS, what_is_taken
+
+    schema, found = Config.model_json_schema()["properties"], {}
+    for name, field in Config.model_fields.items():
+        symbol = f"; the book's {SYMBOLS[name]}" if name in SYMBOLS else ""
+        default = json.dumps(field.default)
+        found[name] = f"{field.description}\n# {what_is_taken(name, schema[name])}; default {default}{symbol}"
+    return found
+
+
+def _own_descriptions(config: Config) -> dict[str, str]:
     """What is said of the parameters of parts of the user's own."""
     from pipeline.parts.roles import ROLES
 
-    found: dict[str, str | None] = {}
+    found: dict[str, str] = {}
     for role in ROLES:
         if written := config.written(role):
             part, values = written

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 import typer
 
 from pipeline import console
-from pipeline.printable import one_line
+from pipeline.printable import one_line, seconds
 
 if TYPE_CHECKING:
     from pipeline.logs.messages import Log
@@ -144,6 +145,7 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
     from converters import read_map
     from converters.cached import read
 
+    began = time.perf_counter()
     grid = None if map_path is None else read_map(map_path)
     for remark in () if grid is None else grid.remarks:
         console.note(one_line(f"note: {map_path}: {remark}"))
@@ -152,4 +154,7 @@ def open_log(path: Path, map_path: Path | None, reading: Reading = Reading()) ->
         console.note(f"note: {path}: read as a {opened.format}, by way of {opened.mcap}")
     for remark in opened.log.remarks:
         console.note(one_line(f"note: {path}: {remark}"))
-    return opened.log
+    log, took = opened.log, seconds(time.perf_counter() - began)
+    world = "no map" if log.grid is None else f"a map of {log.grid.width:,} x {log.grid.height:,} cells"
+    console.detail(f"{path}: {len(log):,} scans in {seconds(log.duration)}, {world}; read in {took}")
+    return log

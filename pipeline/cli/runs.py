@@ -23,6 +23,7 @@ from pipeline.cli.parameters import (
     ParticlesOption,
     SetOption,
     effective_config,
+    named_runs,
 )
 from pipeline.cli.reading import LogArgument, Reading, open_log, parse_pose, reads_logs
 from pipeline.cli.summary import report
@@ -43,7 +44,7 @@ ABREAST = 5
 
 _CONFIGURED = ("config", "settings", "particles", "init", "pose")
 _SHOWN = ("record", "view", "connect", "mcap", "as_json", "require_found", "sink", "substeps")
-_NOT_OF_THE_INPUT = (*_CONFIGURED, *_SHOWN, "log", "seed", "threads", "output")
+_NOT_OF_THE_INPUT = (*_CONFIGURED, *_SHOWN, "quiet", "verbose", "log", "seed", "threads", "output")
 
 SeedOption = Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Of all random numbers: same seed, same result.")]
 ThreadsOption = Annotated[
@@ -79,7 +80,11 @@ def localize(
     ] = None,
     memory: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN", help="Begin with what an earlier run has shown of the building; repeatable."),
+        typer.Option(
+            metavar="RUN",
+            callback=named_runs,
+            help="Begin with what an earlier run, or `latest`, has shown of the building; repeatable.",
+        ),
     ] = None,
     passes: Annotated[
         int,
@@ -173,7 +178,12 @@ def demo(seed: SeedOption = 0, threads: ThreadsOption = None) -> None:
 
 def inspect(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN", help="The folder of a run, or its run.rrd; several for a table.")
+        list[Path],
+        typer.Argument(
+            metavar="RUN",
+            callback=named_runs,
+            help="A run's folder, its run.rrd or `latest`; several for a table.",
+        ),
     ],
     at: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Only where the robot was, so long after the first scan.")

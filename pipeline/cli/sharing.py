@@ -8,11 +8,14 @@ from typing import Annotated
 import typer
 
 from pipeline import console
-from pipeline.cli.parameters import ForceOption
+from pipeline.cli.parameters import ForceOption, named_runs
 
 
 def share(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN", help="Folders of runs, or their run.rrd.")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN", callback=named_runs, help="Folders of runs, their run.rrd, or `latest`."),
+    ],
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="PAGE.html", help="The page to write, of one run.")
     ] = None,

@@ -22,6 +22,7 @@ from pipeline.evaluate.scene import Scene, Sketch
 from pipeline.evaluate.seen_walls import drive
 from pipeline.logs.messages import Laser
 from pipeline.maps.occupancy_grid import OccupancyGrid
+from pipeline.spelling import meant_or_known
 
 MIXED: Final = "mixed"
 UNCHANGED: Final = "unchanged"
@@ -51,7 +52,7 @@ def parse_changes(text: str) -> tuple[Change, ...]:
     kind, sep, shares = text.strip().rpartition(":")
     kind = kind if sep else MIXED
     if kind not in (MIXED, *KINDS):
-        raise MclError(f"no kind of change {kind!r}", f"there are {', '.join((MIXED, *KINDS))}")
+        raise MclError(f"no kind of change {kind!r}", meant_or_known(kind, (MIXED, *KINDS)))
     try:
         asked = [float(share) for share in shares.split(",")]
     except ValueError:

@@ -7,6 +7,7 @@ from importlib import import_module
 
 from pipeline.errors import MclError
 from pipeline.lessons.lesson import Lesson
+from pipeline.spelling import meant_or_known
 
 _MODULES = (
     "low_variance",
@@ -35,4 +36,4 @@ def lesson(name: str) -> Lesson:
     for each in lessons():
         if each.name == name:
             return each
-    raise MclError(f"there is no lesson {name!r}", f"there are {', '.join(each.name for each in lessons())}")
+    raise MclError(f"there is no lesson {name!r}", meant_or_known(name, [each.name for each in lessons()]))

@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from pipeline.errors import MclError
 from pipeline.logs import schema
-from pipeline.logs.recorded import Recorded, Topic, describe
+from pipeline.logs.recorded import Recorded, Topic, describe, no_topic
 
 SCAN_TYPES = (schema.LASER_SCAN_TYPE, schema.MULTI_ECHO_TYPE)
 _PREFERRED = (schema.SCAN, schema.ODOMETRY, schema.MAP, schema.IMU)
@@ -58,7 +58,7 @@ def chosen(recorded: Recorded, name: str | None, kinds: Collection[str]) -> str 
         return None
     topic = recorded.topics.get(name)
     if topic is None:
-        raise MclError(f"no topic {name} in this file: {describe(recorded.topics)}")
+        raise MclError(no_topic(name, recorded.topics))
     if topic.type not in kinds or not readable(topic):
         raise MclError(
             f"{name} has {topic.count} messages of {topic.type or 'no type'} ({topic.encoding}), not of "

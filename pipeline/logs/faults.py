@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pipeline.errors import MclError
 from pipeline.geometry import between, wrap_angle
 from pipeline.logs import schema
+from pipeline.spelling import meant_or_known
 
 Array = NDArray[np.float64]
 
@@ -195,7 +196,7 @@ def parse_fault(text: str) -> Fault:
     """The fault that a text KIND:ARGS asks for, as in ``turn:40:90``; MclError for any other text."""
     name, *words = text.strip().split(":")
     if name not in KINDS:
-        raise MclError(f"no kind of fault {name!r}", f"there are {', '.join(KINDS)}")
+        raise MclError(f"no kind of fault {name!r}", meant_or_known(name, KINDS))
     kind = KINDS[name]
     wanted = ":".join([name, *kind.arguments])
     try:

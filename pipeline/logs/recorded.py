@@ -14,6 +14,7 @@ from pipeline.errors import MclError
 from pipeline.geometry import Pose
 from pipeline.logs.stretches import numbered
 from pipeline.logs.transforms_file import GivenTransform
+from pipeline.spelling import did_you_mean
 
 _LISTED = 12  # topics (or transforms) that an error message names
 
@@ -140,6 +141,11 @@ def describe(topics: Mapping[str, Topic]) -> str:
     """What a file holds, for an error message: every topic with its type and number of messages."""
     listed = [f"{t.name} ({t.type or t.encoding}, {t.count})" for t in topics.values()]
     return "it has " + shortened(listed, "topics") if listed else "it has no messages at all"
+
+
+def no_topic(name: str, topics: Mapping[str, Topic]) -> str:
+    """What is said of a topic that is not there: which one it may have been, or all that there are."""
+    return f"no topic {name} in this file: {did_you_mean(name, topics) or describe(topics)}"
 
 
 def shortened(items: Iterable[str], what: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib
 import importlib.util
@@ -22,6 +21,8 @@ from pydantic.fields import FieldInfo
 
 from pipeline.errors import MclError
 from pipeline.parts.roles import OFFERED, Method, Role
+from pipeline.spelling import did_you_mean
+from pipeline.wrong_values import expectation
 
 PAGE = "docs/own_parts.md"
 PLAIN = (bool, int, float, str)
@@ -42,9 +43,28 @@ def check_name(role: Role, name: str) -> str:
     if name in installed:
         return name
     known = [*role.built_in, *installed]
-    near = difflib.get_close_matches(name, known, n=1)
-    meant = f"did you mean {near[0]!r}? " if near else ""
-    raise ValueError(f"{meant}expected {', '.join(known)}, or a part of your own as FILE.py:NAME or MODULE:NAME")
+    if name.endswith(".py"):
+        raise ValueError(f"a file alone names no part of it: write {_parts_of(Path(name).expanduser())}")
+    meant = f"{near} " if (near := did_you_mean(name, known)) else ""
+    expected = f"{', '.join(known)}, or a part" if known else "a part"
+    raise ValueError(f"{meant}expected {expected} of your own as FILE.py:NAME or MODULE:NAME")
+
+
+def _parts_of(path: Path) -> str:
+    """What a file could be meant for: each function and class in it as it would be named."""
+    if not path.is_file():
+        return f"{path}:NAME (there is no such file here)"
+    names = _defined(module_of(path.absolute()))
+    return " or ".join(f"{path}:{name}" for name in names) or f"{path}:NAME (it has no function and no class)"
+
+
+def _defined(module: Any) -> list[str]:
+    """Functions and classes that are written in a module, those for its own use left out."""
+    return [
+        key
+        for key, value in vars(module).items()
+        if callable(value) and getattr(value, "__module__", None) == module.__name__ and not key.startswith("_")
+    ]
 
 
 def built_in(role: Role, name: str) -> Any:
@@ -66,9 +86,8 @@ def load(role: Role, name: str) -> Part:
     where, _, attribute = name.rpartition(":")
     module = module_of(Path(where)) if where.endswith(".py") else _from_module(where, role)
     if not hasattr(module, attribute):
-        there = [key for key, value in vars(module).items() if callable(value) and value.__module__ == module.__name__]
-        near = difflib.get_close_matches(attribute, there, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(there) or 'no function and no class'}"
+        there = _defined(module)
+        hint = did_you_mean(attribute, there) or f"it has {', '.join(there) or 'no function and no class'}"
         raise MclError(f"{role.name}: there is no {attribute!r} in it", hint, path=where)
     return _checked(role, name, getattr(module, attribute))
 
@@ -143,8 +162,8 @@ class Part:
         known = self.parameters
         for key in given:
             if key not in known:
-                near = difflib.get_close_matches(key, known, n=1)
-                hint = f"did you mean {self.role.name}.{near[0]}?" if near else f"it has {', '.join(known) or 'none'}"
+                near = did_you_mean(key, known)
+                hint = near.replace("'", f"'{self.role.name}.", 1) or f"it has {', '.join(known) or 'none'}"
                 if self.is_class and not near:
                     hint += "; of a class they stand in the constructor"
                 raise MclError(f"{self.name} has no parameter {key!r}", hint)
@@ -156,7 +175,7 @@ class Part:
             first = error.errors()[0]
             key = f"{self.role.name}.{first['loc'][0]}" if first["loc"] else self.role.name
             whole = "" if first["type"] != "int_from_float" else "its default is a whole number: write it with a point"
-            raise MclError(f"{key}: {first['msg']}, got {first['input']!r}", whole) from error
+            raise MclError(f"{key}: {expectation(first)}, got {first['input']!r}", whole) from error
         for key, value in values.items():
             if not isinstance(value, PLAIN) and value is not None:
                 path, line = self.place

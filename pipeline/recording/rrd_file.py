@@ -35,7 +35,7 @@ def read_rrd(path: Path) -> RrdFile:
     Raises MclError if the file does not exist, is no .rrd, or holds no recording.
     """
     if not path.is_file():
-        raise MclError("no such recording", path=path)
+        raise MclError("no such recording", "name a run's folder, or `latest`", path=path)
     with path.open("rb") as file:
         magic = file.read(len(MAGIC))
     if magic == mcap_file.MAGIC[: len(MAGIC)]:

@@ -71,6 +71,20 @@ class RunFolder:
         _write_new(self.run, json.dumps(_plain(values), indent=2, allow_nan=False) + "\n")
 
 
+def newest(root: Path | str = RECORDINGS) -> Path:
+    """The folder of the run whose recording was written last: below ``root``, or in the folder that one works in.
+
+    Raises MclError where there is none.
+    """
+    recordings = [*Path(root).glob(f"*/*/{RECORDING}"), *Path().glob(f"*/{RECORDING}")]
+    if not recordings:
+        raise MclError(
+            f"there is no run yet in {root}/ or in this folder",
+            "mcl localize and mcl demo make one; or name its folder",
+        )
+    return max(recordings, key=lambda path: (path.stat().st_mtime_ns, str(path))).parent
+
+
 def create(log_name: str, output: Path | str | None = None, *, root: Path | str = RECORDINGS) -> RunFolder:
     """A fresh folder ``root/<log>/<date-time>``, numbered where runs start in the same second; or ``output`` itself.
 

@@ -6,7 +6,6 @@ origin), angles in degrees in keys that end in ``_deg``, times in seconds.
 
 from __future__ import annotations
 
-import difflib
 import math
 import typing
 from collections.abc import Iterator, Sequence
@@ -19,6 +18,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from pipeline.errors import MclError
 from pipeline.geometry import Pose
+from pipeline.spelling import did_you_mean
+from pipeline.wrong_values import expectation
 from pipeline.yaml_errors import yaml_told
 
 Point = tuple[float, float]
@@ -309,10 +310,9 @@ def _explain(error: dict[str, Any], tree: Any, path: Path) -> MclError:
     where = error["loc"]
     line = _line(tree, where)
     if error["type"] == "extra_forbidden":
-        near = difflib.get_close_matches(str(where[-1]), _fields(where), n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(_fields(where))}"
+        hint = did_you_mean(str(where[-1]), _fields(where)) or f"known: {', '.join(_fields(where))}"
         return MclError(f"unknown key {_dotted(where)!r}", hint, path=path, line=line)
-    said = error["msg"].removeprefix("Value error, ")
+    said = expectation(error)
     # A whole mapping in a message hides the message.
     got = "" if isinstance(error["input"], dict | list) else f", got {error['input']!r}"
     return MclError(f"{_dotted(where)}: {said}{got}" if where else said, path=path, line=line)

@@ -76,7 +76,7 @@ def test_nav2s_defaults_are_sound(look) -> None:
         ({"laser_min_range": -2.0}, "broken", "laser_min_range", "at least 0, or -1", "default is -1.0"),
         ({"laser_model_type": "beams"}, "broken", "laser_model_type", "is 'beams'; expected one of beam", "'likeli"),
         ({"robot_model_type": '"nav2_amcl::Diff"'}, "broken", "robot_model_type", "expected one of nav2_amcl", "D"),
-        ({"sigma_hitt": 0.2}, "doubtful", "sigma_hitt", "no parameter sigma_hitt", r"Did you mean sigma_hit\?"),
+        ({"sigma_hitt": 0.2}, "doubtful", "sigma_hitt", "no parameter sigma_hitt", r"Did you mean 'sigma_hit'\?"),
         ({"kld_err": 0.2}, "doubtful", "kld_err", "no parameter kld_err", "Take it out|Did you mean"),
         ({"min_particles": 3000}, "broken", "min_particles", r"\(3000\) is more than max_particles \(2000\)", "Raise"),
         ({"max_particles": 50}, "broken", "max_particles", r"line 3: min_particles \(500\) is more", "lower"),
@@ -167,7 +167,7 @@ def test_ros_1_is_checked_in_its_own_words(tmp_path: Path) -> None:
     done = run(file)
     assert done.exit_code == 1
     assert "odom_alpha1 is -1.0; expected at least 0" in done.stdout
-    assert "Did you mean laser_z_hit?" in done.stdout
+    assert "Did you mean 'laser_z_hit'?" in done.stdout
     assert "min_particles (9000) is more than max_particles (5000)" in done.stdout
     launch = tmp_path / "amcl.launch"
     launch.write_text(

@@ -227,7 +227,7 @@ def test_nodes_may_stand_in_namespaces_and_every_node_may_be_given_parameters(re
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (amcl(pf_err=-1), r"nav2_params\.yaml: pf_err: .*greater than 0.*got -1"),
+        (amcl(pf_err=-1), r"nav2_params\.yaml: pf_err: .*number above 0, got -1"),
         (amcl(alpha1="lots"), r"nav2_params\.yaml: alpha1: .*'lots'"),
         (amcl(sigma_hit="wide", laser_model_type="beam"), r"sigma_hit: expected a number, got 'wide'"),
         (amcl(laser_model_type="sonar"), r"laser_model_type: expected one of beam, .*'sonar'"),

@@ -166,7 +166,7 @@ BOMB = '<!DOCTYPE l [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;&a;"><!ENTITY c "&b;&b
         (launch("") [:-10] + '<node pkg="amcl" type="amcl" name="b"/></launch>', "several nodes of AMCL"),
         (launch('<param name="laser_z_hit" value="much" type="double"/>'), "launch:3: expected double, got 'much'"),
         (launch("<rosparam>[</rosparam>"), "amcl.launch:3: what stands there is not YAML"),
-        (launch('<param name="laser_z_hit" value="-1.0"/>'), "laser_z_hit: .*greater than or equal to 0, got -1.0"),
+        (launch('<param name="laser_z_hit" value="-1.0"/>'), "laser_z_hit: .*number of at least 0, got -1.0"),
     ],
 )  # fmt: skip
 def test_a_wrong_or_hostile_file_gets_one_line(read, text: str, said: str) -> None:

@@ -103,7 +103,7 @@ def test_a_saved_configuration_means_the_same_from_any_folder(examples: Path, mo
         ("\ndef part(weights, n, luck):\n    return 1", ["resampler"], 2, r"takes \(weights, n, luck\)"),
         ("def part(weights, n, **more):\n    return 1", ["resampler"], 1, "names its arguments"),
         ("class part:\n    def throw(self):\n        pass", ["resampler"], 1, r"has no method draw\(weights, n\)"),
-        ("def part(weights, n, luck=1.0):\n    pass", ["resampler", "resampler.lock=2"], None, "mean resampler.luck"),
+        ("def part(weights, n, luck=1.0):\n    pass", ["resampler", "resampler.lock=2"], None, "mean 'resampler.luck'"),
         ("def part(weights, n, luck=1.0):\n    pass", ["resampler", "resampler.luck=x"], None, "luck: .*number"),
         ("def part(weights, n, luck=1):\n    pass", ["resampler", "resampler.luck=0.5"], None, "with a point"),
         ("def part(before, after, expected):\n    pass", ["motion_model"], 1, "is not given 'expected'"),
