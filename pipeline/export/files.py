@@ -101,7 +101,7 @@ def export(
     figure = _figure(kind, wishes, len(runs))
     with replacing(output) as partial:
         if figure is not None:
-            paper = Paper(_paper_size(wishes), theme(wishes.theme), wishes.dpi or DPI, kind in VECTORS)
+            paper = Paper(_paper_size(wishes), theme(wishes.theme), wishes.dpi or DPI, exact=kind == ".pdf")
             write_figure(figure, runs, next(iter(wishes.at), None), paper, partial)
         elif kind in PICTURES:
             _picture(runs[0], partial, wishes)

@@ -154,4 +154,5 @@ def test_what_is_no_memory_to_begin_with_is_said_in_one_line_and_leaves_nothing(
         assert said in line
         assert not (tmp_path / "run").exists()
     assert "no memory of a run" in typed_here("export", tmp_path / "empty", "-o", tmp_path / "a.yaml", code=1).stderr
+    assert "made of one run" in typed_here("export", first, first, "-o", tmp_path / "a.csv", code=1).stderr
     assert not list(tmp_path.glob("a.*"))

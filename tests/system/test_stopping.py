@@ -59,7 +59,7 @@ def test_a_run_stopped_at_once_leaves_nothing(journey: Journey, tmp_path: Path) 
 
 
 PREAMBLE = 600_000
-"""Bytes: more than a recording of this map has before the first batch of scans, about 380,000, and less than with it."""
+"""Bytes: more than a recording of this map has before the first batch of scans (380,000), and less than with it."""
 
 
 def wait_for_a_batch(recording: Path, process: subprocess.Popen[str]) -> None:

@@ -44,7 +44,7 @@ def draw_map(axes: Axes, run: Run, paper: Paper, area: tuple[Array, Array] | Non
     extent = (left, left + image.shape[1] * step * resolution, bottom, bottom + image.shape[0] * step * resolution)
     axes.imshow(
         np.repeat(image[:, :, None], 3, axis=2), origin="lower", extent=extent,
-        interpolation="none" if paper.vector else "antialiased",
+        interpolation="none" if paper.exact else "antialiased",
         transform=Affine2D().rotate(yaw).translate(x, y) + axes.transData,
     )  # fmt: skip
     low, high = area or run.area

@@ -23,12 +23,15 @@ WIDE = 120.0 / MM_PER_INCH
 
 @dataclass(frozen=True)
 class Paper:
-    """``size`` and ``theme`` of a figure; ``dpi``: pixels an inch where it becomes some; not if ``vector``."""
+    """``size`` and ``theme`` of a figure; ``dpi``: pixels an inch of what is pixels, images too unless ``exact``.
+
+    Images are kept as they are in a PDF; an SVG that does so is shown without smoothing, and thin walls get lost.
+    """
 
     size: Size
     theme: Theme
     dpi: int
-    vector: bool
+    exact: bool
 
     @property
     def width(self) -> float:
