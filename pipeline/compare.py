@@ -256,10 +256,9 @@ def _common(a: Run, b: Compared) -> tuple[NDArray[np.int64], NDArray[np.float64]
 
 def config_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
     """The parameters that differ, as texts: the name, and everyone's value."""
-    found = differing([one for one in compared if isinstance(one, Run)])
-    whose = [isinstance(one, Run) for one in compared]
-    told = {name: iter(values) for name, values in found.items()}
-    return [(name, *(_shown(next(of_run) if own else None) for own in whose)) for name, of_run in told.items()]
+    configs = [one.told.config if isinstance(one, Run) else {} for one in compared]
+    names = differing([one for one in compared if isinstance(one, Run)])
+    return [(name, *(_shown(config.get(name)) for config in configs)) for name in names]
 
 
 def figure_rows(compared: Sequence[Compared]) -> list[tuple[str, ...]]:
