@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.filter.step import Estimate, Event, Step
 from pipeline.geometry import wrap_angle
-from pipeline.judgement.verdict import TRUSTED
+from pipeline.judgement.verdict import SURE, TRUSTED
 
 RIGHT = (0.5, np.radians(10.0))  # m, rad: an estimate nearer to the truth than this is right
 WORTH_A_NAME = 0.05
@@ -160,7 +160,8 @@ def _belief(step: Step) -> str:
     if len(step.clusters) > 1 and step.estimate.weight < 0.9:
         best = _percent(step.estimate.weight)
         return f"The best guess holds {best} of the belief, {len(step.clusters) - 1} other places the rest."
-    return f"It is right with a probability of {_percent(step.verdict.probability)}."
+    probability = f"It is right with a probability of {_percent(step.verdict.probability)}"
+    return f"{probability}." if step.verdict.kind in TRUSTED else f"{probability}; found is from {_percent(SURE)} on."
 
 
 def _off_by(step: Step, missed: Error | None) -> str:

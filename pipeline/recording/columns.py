@@ -172,12 +172,11 @@ def _beams(steps: Sequence[Step], is_hit: IsHit) -> list[tuple[str, list[Any]]]:
 def _hypotheses(steps: Sequence[Step]) -> list[tuple[str, list[Any]]]:
     # A single hypothesis is the estimate itself, which has its ellipse already.
     clusters = [s.clusters if len(s.clusters) > 1 else () for s in steps]
-    labels = [_label(c) for row in clusters for c in row]
     lengths = [len(row) for row in clusters]
     named = [" ".join(filter(None, (letter(row, k), _label(c)))) for row in clusters for k, c in enumerate(row)]
     places = np.array([c.pose[:2] for row in clusters for c in row], dtype=np.float64).reshape(-1, 2) + LABEL_OFFSET
     return [
-        (entities.HYPOTHESES, [*ellipses(clusters), *rr.Ellipsoids3D.columns(labels=labels).partition(lengths)]),
+        (entities.HYPOTHESES, ellipses(clusters)),
         # A label has the colour of what it belongs to; pink on grey cannot be read, so points carry them.
         (entities.SHARES, list(rr.Points3D.columns(positions=lift(places, 0.12), labels=named).partition(lengths))),
     ]

@@ -68,7 +68,8 @@ class Scenes:
     ``estimates`` (n, 3); ``lasers`` (n, 3); rows (k, 2) of where beams end, ``hits``, ``shorts``, ``longs`` and
     ``no_return``, and where the map ends them, ``expected``;
     ``ellipses`` and ``hypotheses``: rows (k, 5), x, y, half axes (2 sigma) and turn;
-    ``labels``: the texts at a scan's hypotheses; ``joined`` (n,): the path goes on from the scan before;
+    ``labels``: the texts at a scan's hypotheses; ``captions``: what is the matter, in Markdown, empty if not recorded;
+    ``joined`` (n,): the path goes on from the scan before;
     ``truth`` (n, 3), NaN where unknown; ``hindsight``: rows (k, 2), a piece of the path each;
     ``heat`` rows (m, 3): what a search of the building found, x, y and a level, in the scans that show it;
     ``changed`` rows (m, 3): cells where the world is not as mapped, x, y and index into palette.CHANGED_COLOURS; a row
@@ -92,6 +93,7 @@ class Scenes:
     ellipses: Ragged
     hypotheses: Ragged
     labels: tuple[tuple[str, ...], ...]
+    captions: tuple[str, ...]
     joined: NDArray[np.bool_]
     truth: NDArray[np.float64]
     hindsight: Ragged
@@ -138,6 +140,13 @@ def read_scenes(file: RrdFile) -> Scenes:
         whole[found.lengths > 0] = found.values[found.offsets[:-1][found.lengths > 0]]
         return whole
 
+    def texts(entity: str, component: str) -> tuple[tuple[str, ...], ...]:
+        table, at = rows(entity)
+        if table is None or component not in table.column_names:
+            return ((),) * n
+        told = table[component].to_pylist()
+        return tuple(tuple(told[row] or ()) if row >= 0 else () for row in at)
+
     def poses(entity: str) -> NDArray[np.float64]:
         places = single(entity, "Transform3D:translation", 3)[:, :2]
         return np.column_stack([places, _yaw(single(entity, "Transform3D:quaternion", 4))])
@@ -159,9 +168,8 @@ def read_scenes(file: RrdFile) -> Scenes:
         return Ragged(turned, found.offsets)
 
     particles, levels = (found.at(rows(entities.PARTICLES)[1]) for found in _particles(tables))
-    labels, at = rows(entities.HYPOTHESES)
+    labels, captions = texts(entities.SHARES, "Points3D:labels"), texts(entities.CAPTION, "TextDocument:text")
     changed, changed_at = _changed(tables.temporal(entities.CHANGED), scans)
-    told = [] if labels is None else labels["Ellipsoids3D:labels"].to_pylist()
     return Scenes(
         grid=grid,
         shades=shades,
@@ -178,7 +186,8 @@ def read_scenes(file: RrdFile) -> Scenes:
         expected=tips(entities.EXPECTED, "Points3D:positions", 3),
         ellipses=ellipses(entities.COVARIANCE),
         hypotheses=ellipses(entities.HYPOTHESES),
-        labels=tuple(tuple(told[row] or ()) if row >= 0 else () for row in at),
+        labels=labels,
+        captions=tuple(row[0] if row else "" for row in captions),
         joined=ragged(entities.PATH, "LineStrips3D:strips", 2, 3).lengths > 0,
         truth=poses(entities.TRUTH),
         hindsight=_hindsight(tables.static(entities.HINDSIGHT)),

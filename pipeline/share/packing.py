@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pipeline.compare import errors
 from pipeline.export.run import Run
 from pipeline.recording.scenes import Ragged, Scenes
-from pipeline.share.words import matters
 
 STEPS = 65_535
 MOST_PARTICLES = 3_000_000
@@ -63,7 +62,7 @@ def run_arrays(run: Run, low: NDArray[np.float64], step: float, *, share: float 
         "probability": _single(told.probabilities),
         **{name: _single(scenes.curves[name]) for name in ("explained", "spread", "ess")},
         **_changed(scenes, low, step),
-        **_texts(matters(run), scenes.labels),
+        **_texts([plain(text) for text in scenes.captions], scenes.labels),
     }
     for name, ragged in places.items():
         arrays[name] = _steps(ragged.values, low, step)
@@ -93,6 +92,12 @@ def laid_out(parts: Sequence[Mapping[str, NDArray[Any]]]) -> tuple[list[list[tup
             data.append(raw)
             at += len(raw)
     return where, gzip.compress(b"".join(data), 9, mtime=0)
+
+
+def plain(caption: str) -> str:
+    """A caption of the recording, which is Markdown, as a text: its headline as the first sentence."""
+    headline, _, rest = caption.partition("\n")
+    return f"{headline.removeprefix('# ')}. {rest.replace('**', '')}" if headline else ""
 
 
 def _thinned(particles: Ragged, share: float) -> Ragged:

@@ -155,7 +155,7 @@ function caption(picture) {
     const verdict = verdictOf(run);
     return [...(alone ? [] : [letter(run), ` ${run.name} `]), ...(verdict ? [chip(verdict[0]), " "] : [])];
   };
-  if (!picture.others) return [make("p", {}, ...told(picture.run), said(picture.run))];
+  if (!picture.others) return [make("p", {}, said(picture.run) || told(picture.run)[0] || "")];
   return picture.others.map(run => {
     const [x, y] = run.D.estimates.subarray(3 * run.row, 3 * run.row + 2);
     const where = run.row < 0 ? "Not begun yet." : `at (${x.toFixed(1)}, ${y.toFixed(1)}) m`;

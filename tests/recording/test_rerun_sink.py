@@ -131,9 +131,9 @@ def test_path_is_not_joined_across_jumps(record):
 
 def test_other_hypotheses_carry_their_weight(record):
     run = record(scans=150)
-    labels = run.column(entities.HYPOTHESES, "Ellipsoids3D:labels")
+    labels = run.column(entities.SHARES, "Points3D:labels")
     assert [len(row) for row in labels] == [len(s.clusters) if len(s.clusters) > 1 else 0 for s in run.steps]
-    assert labels[20] == ["60 %", "40 %"]
+    assert labels[20] == ["A 60 %", "B 40 %"]
 
 
 def test_hypotheses_after_a_gap_are_named_if_they_have_a_share_worth_reading(record):

@@ -39,7 +39,7 @@ def test_scenes_hold_what_was_drawn(record):
         assert len(scenes.expected[row]) == np.isfinite(beams.expected).sum()
         assert len(scenes.no_return[row]) == 1
         assert scenes.curves["ess"][row] == step.ess
-    assert scenes.labels[20] == ("60 %", "40 %")
+    assert scenes.labels[20] == ("A 60 %", "B 40 %")
     assert len(scenes.hypotheses[20]) == 2
     assert len(scenes.hypotheses[149]) == 0
     assert not scenes.joined[0]

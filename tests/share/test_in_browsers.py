@@ -77,9 +77,9 @@ def test_nothing_is_asked_of_anybody_and_nothing_goes_wrong(seen, browser, files
 def test_a_link_opens_at_its_instant(seen):
     assert seen["loaded"]["clock"] == "20.0 s"
     assert seen["loaded"]["event"] == "One hypothesis is left"
-    assert seen["loaded"]["said"].startswith("found The robot is at (")
+    assert seen["loaded"]["said"].startswith("FOUND: it knows where it is")
     assert seen["linked"]["clock"] == "5.1 s"
-    assert re.match(r"lost .*any of 2 places: 60 % at .* m; 40 % at", seen["linked"]["said"])
+    assert re.match(r"LOST: .*Places in question, .*: A 60 %, B 40 %\.", seen["linked"]["said"])
     assert seen["link"] == "#t=5.10"
     assert all(count > 3 for count in seen["colours"])
 
@@ -132,7 +132,7 @@ def test_a_screen_reader_is_told_what_is_where(seen, browser):
         role for role, name, _ in told if role in ("slider", "button", "checkbox", "image", "combobox") and not name
     ]
     assert unnamed == []
-    assert any(role == "image" and name.startswith("Map: found The robot is at (") for role, name, _ in told)
+    assert any(role == "image" and name.startswith("Map: FOUND: it knows where it is") for role, name, _ in told)
     assert any(role == "image" and "error of the estimate, m: 0.0" in name for role, name, _ in told)
     assert any(role == "slider" and name == "Time in seconds" for role, name, _ in told)
 
@@ -143,7 +143,7 @@ def test_it_can_be_printed(seen, browser, files):
     if not shutil.which("pdftotext"):
         pytest.skip("the rest needs pdftotext: apt-get install poppler-utils")
     text = subprocess.run(["pdftotext", "-layout", printed, "-"], capture_output=True, text=True).stdout
-    assert "The robot is at (" in " ".join(text.split())
+    assert "FOUND: it knows where it is" in " ".join(text.split())
     assert "One hypothesis is left" in text
     assert "particles; the darker, the heavier" in text
     assert "Play" not in text

@@ -22,7 +22,6 @@ from pipeline.recording.scenes import Ragged
 from pipeline.share import packing, pages, player
 from pipeline.share.index import index
 from pipeline.share.pages import Viewer
-from pipeline.share.words import matters
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +62,8 @@ def test_a_page_holds_the_run(run):
     assert (found["shades"].reshape(scenes.shades.shape) == scenes.shades).all()
     assert [event["text"] for event in head["events"]] == [event.text for event in run.told.events]
     texts = json.loads(bytes(found["texts"]))
-    assert texts["labels"][20] == ["60 %", "40 %"]
-    assert [texts["said"][k] for k in found["said_at"]] == matters(run)
+    assert texts["labels"][20] == ["A 60 %", "B 40 %"]
+    assert [texts["said"][k] for k in found["said_at"]] == [packing.plain(text) for text in run.scenes.captions]
     assert np.nanmax(found["error"]) == pytest.approx(np.nanmax(errors(run)[0]), abs=1e-4)
 
 
