@@ -19,7 +19,7 @@ from pipeline.errors import MclError
 from pipeline.export.figures.errors import sigmas
 from pipeline.export.figures.kinds import FIGURES, draw
 from pipeline.export.figures.paper import Paper
-from pipeline.export.figures.sensor import readings, recorded_density
+from pipeline.export.figures.sensor import WHOLE, recorded_density
 from pipeline.export.figures.ways import labels
 from pipeline.export.files import Wishes, export
 from pipeline.export.movies import Film, _shots, movie, pace
@@ -27,7 +27,7 @@ from pipeline.export.pictures import Painter, full, sheet
 from pipeline.export.run import key_moments
 from pipeline.export.sizes import size_of
 from pipeline.export.theme import THEMES
-from pipeline.recording import palette
+from pipeline.recording import entities, palette
 
 AA = 4.5
 """Contrast that WCAG 2.1 asks of text, at level AA."""
@@ -245,26 +245,14 @@ def test_two_sigma_is_along_the_longer_axis(run):
     assert np.allclose(heading, 3.0)
 
 
-def test_readings_are_those_of_the_beams_whose_wall_is_so_far(run):
-    lasers = np.array([[1.0, 2.0, 0.5]])
-    angles = np.radians([0.0, 10.0, 20.0, 30.0])
-    ends = lambda ranges: np.add((1.0, 2.0), np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1))  # noqa: E731
-    one = lambda points: type(run.scenes.hits)(points, np.array([0, len(points)]))  # noqa: E731
-    measured, expected = ends(np.array([5.1, 2.0, 4.0, 6.0])), ends(np.array([5.0, 5.5, 4.5, 9.0]))
-    scenes = replace(
-        run.scenes, scans=np.zeros(1, np.int64), lasers=lasers, expected=one(expected), hits=one(measured[:1]),
-        shorts=one(measured[1:2]), longs=one(measured[2:]),
-    )  # fmt: skip
-    told = replace(run.told, verdicts=np.empty(0, np.int64))
-    # The last beam's wall is far from 5 m; the others are shifted by what their walls are nearer or farther.
-    assert readings(replace(run, told=told, scenes=scenes), 5.0) == pytest.approx([5.1, 1.5, 4.5], abs=1e-9)
-
-
 def test_the_sensor_model_is_read_back_as_it_was_recorded(recorded_sensor):
     run, edges, density = recorded_sensor
-    found = recorded_density(run)
+    found = recorded_density(run, WHOLE)
     assert np.allclose(found[0], edges, rtol=1e-5)
     assert np.allclose(found[1], density, rtol=0.01)  # both are sums over parts of a bin, of other lengths
+    edges, measured = recorded_density(run, entities.MEASURED)
+    returned = float((measured * np.diff(edges)).sum())
+    assert 0.5 < returned <= 1.0 + 1e-6  # the rest came without return
 
 
 def test_an_automatic_speed_is_slow_where_something_happens(run):
