@@ -124,7 +124,8 @@ def track_figures(track: Track, beside: Run) -> Figures:
     """What is known of another filter's way: against the truth of the run, at its scans."""
     at = _common(beside, track)[0]
     error = track_errors(track, beside)[0]
-    known = error[~np.isnan(error)]
+    since = beside.told.times[at] >= (beside.told.converged_at or 0.0)  # as of the run, so that the two are alike
+    known = error[since & ~np.isnan(error)]
     return Figures(
         log=track.name,
         seed=None,
@@ -288,7 +289,7 @@ def record(compared: Sequence[Compared], output: Path, *, force: bool = False) -
     from pipeline.recording.side_by_side import Shown, write_run, write_side_by_side
 
     check_output(output, force)
-    check_suffix(output, ".rrd", "the name of a recording ends in .rrd")
+    check_suffix(output, ".rrd", "name a page .html or a recording .rrd")
     shown = _to_show(compared)
     with replacing(output) as partial:
         if len(shown) == 1 and isinstance(shown[0], Shown):

@@ -172,7 +172,7 @@ class Config(BaseModel):
     # --- true ranges from the map ----------------------------------------------------------------------------
     occupied_threshold: Fraction | None = Field(
         None,
-        description="Cells at least so probably occupied stop a ray. Not given: 0.97, or 0.65 where walls are grey.",
+        description="A cell so probably occupied, or more, stops a ray. null: 0.97, or 0.65 if walls are grey.",
     )
     free_threshold: Fraction = Field(0.25, description="Cells less probably occupied than this may hold the robot.")
     ray_caster: Literal["table", "dda", "bresenham"] = Field(
@@ -199,7 +199,7 @@ class Config(BaseModel):
 
     # --- the recording --------------------------------------------------------------------------------------------
     record_particles: int = Field(
-        2000, ge=0, description="At most so many particles are recorded per scan, drawn fairly."
+        2000, ge=0, description="At most so many particles are recorded per scan, drawn at random."
     )
 
     # --- parts of the user's own ------------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ def compare(
     from pipeline.share import pages
 
     if len(compared) < 2:
-        raise typer.BadParameter("give two of them or more: mcl inspect tells of one")
+        raise typer.BadParameter("give two runs or more; mcl inspect tells of one")
     page = output is not None and output.suffix.lower() in pages.SUFFIXES
     if output is not None and page:
         pages.check(output, force)
@@ -70,7 +70,7 @@ def compare(
         console.result(columns("figures", figure_rows(found), ("", *letters)))
         if parameters := config_rows(found):
             console.result(columns("parameters that differ", parameters, ("", *letters)))
-        else:
+        elif sum(isinstance(one, Run) for one in found) > 1:
             console.result("parameters\n  all alike")
         for letter, pair in zip(letters[1:], pairs, strict=True):
             console.result(_apart(pair, "estimates" if len(pairs) == 1 else f"estimates of {letter} and A"))

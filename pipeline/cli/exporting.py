@@ -57,7 +57,8 @@ def export(
             "--output",
             "-o",
             metavar="FILE",
-            help="A .pdf, .svg, .png, .gif, .webp, .mp4, .webm, .tum, .csv or .parquet, or a map's .yaml; repeatable.",
+            help="A .pdf, .svg, .png, .jpg, .gif, .webp, .mp4, .webm, .tum, .csv or .parquet, or a map's .yaml. May be "
+            "given several times.",
         ),
     ] = None,
     figure: Annotated[

@@ -23,7 +23,10 @@ def share(
         Path | None, typer.Option(metavar="DIR", help="Write a page for each run, and an index of them.")
     ] = None,
     viewer: Annotated[
-        bool, typer.Option("--viewer", help="With rerun's viewer inside, all its views: 20 MB more, and needs WebGL 2.")
+        bool,
+        typer.Option(
+            "--viewer", help="Put rerun's own viewer into the page, with all its views: 20 MB more, needs WebGL 2."
+        ),
     ] = False,
     force: ForceOption = False,
 ) -> None:

@@ -55,4 +55,6 @@ def _value(error: Any, message: str) -> str:
     if not isinstance(error.__cause__, ValidationError):
         return message
     first = error.__cause__.errors()[0]
+    if first["type"] == "value_error":  # it names the value itself: 'blue' is not one of 'print', 'dark'
+        return expectation(first).rstrip(".")
     return f"{expectation(first)}, got {first['input']}"

@@ -77,7 +77,7 @@ def check(output: Path, wishes: Wishes, *, runs: int = 1, force: bool = False) -
     elif wishes.dpi is not None:
         raise MclError("--dpi is for a figure", "with --size in pixels a picture is as large as it says", path=output)
     elif wishes.size is not None and size_of(wishes.size).unit != "px":
-        raise MclError("its size is in pixels", "like --size 1280x720", path=output)
+        raise MclError("its size is in pixels", "like --size 1280x720; or name a figure, --figure path", path=output)
     check_output(output, force)
     check_writable(output)
 
