@@ -106,7 +106,8 @@ def _in_lines(items: Iterable[T], total: int, label: str) -> Iterator[T]:
         now = time.monotonic()
         if now - said >= EVERY:
             said = now
-            left = f", about {(now - begun) * (total - done) / done:.0f} s left" if done else ""
+            # The first ones say little of the rest: while they are worked on, kernels are compiled.
+            left = f", about {(now - begun) * (total - done) / done:.0f} s left" if 10 * done > total else ""
             note(f"{label}: {done:,} of {total:,}{left}")
         yield item
 
